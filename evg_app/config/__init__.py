@@ -1,1 +1,1 @@
-"""TBD"""
+"""Strict, frozen config models and the YAML files they are read from."""

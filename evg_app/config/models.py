@@ -1,0 +1,182 @@
+"""Models of the YAML files in `robot_configs/` and `sim/worlds/`: units in the key names, unknown keys rejected."""
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from evg_app.geometry import Array, from_quaternion
+from evg_app.types import Box, Intrinsics
+
+Positive = Annotated[float, Field(gt=0)]
+Vector3 = tuple[float, float, float]
+
+
+class Model(BaseModel):
+    """Frozen; a key that is not declared is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Pose(Model):
+    """A rigid transform. Named by the field that holds it (`T_a_b`)."""
+
+    xyz_m: Vector3
+    quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @model_validator(mode="after")
+    def _unit(self) -> Self:
+        norm = float(np.linalg.norm(self.quaternion_xyzw))
+        if abs(norm - 1.0) > 1e-3:
+            raise ValueError(f"quaternion_xyzw must have length 1, has {norm:.4f}")
+        return self
+
+    def matrix(self) -> Array:
+        """The transform. Shape (4, 4)."""
+        return from_quaternion(self.quaternion_xyzw, self.xyz_m)
+
+
+class BoxModel(Model):
+    """A declared obstacle, axis-aligned in the base frame."""
+
+    name: str
+    size_m: tuple[Positive, Positive, Positive]
+    center_m: Vector3
+
+    def box(self) -> Box:
+        """As a value."""
+        return Box(self.name, self.size_m, self.center_m)
+
+
+class JointLimits(Model):
+    """Limits of the J joints, before the margin `scale` is applied."""
+
+    velocity_rad_s: tuple[Positive, ...]
+    acceleration_rad_s2: tuple[Positive, ...]
+    jerk_rad_s3: tuple[Positive, ...]
+    velocity_scale: Annotated[float, Field(gt=0, le=1)] = 0.5
+    acceleration_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
+    jerk_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
+    position_margin_rad: Annotated[float, Field(ge=0, lt=0.5)] = 0.03
+
+
+class GripperModel(Model):
+    """The parallel gripper. Grasps use width 0 and a wide outer epsilon: success is judged by evg-app."""
+
+    max_width_m: Positive = 0.08
+    speed_m_s: Positive = 0.1
+    force_n: Positive = 30.0
+    epsilon_inner_m: Positive = 0.08
+    epsilon_outer_m: Positive = 0.08
+    held_width_m: Positive = 0.003
+    hand_to_grasp_z_m: float = 0.062
+    timeout_s: Positive = 10.0
+
+
+class DropModel(Model):
+    """Where objects are dropped: an open bin, and joints above it."""
+
+    bin_center_m: Vector3
+    bin_size_m: tuple[Positive, Positive, Positive]
+    wall_m: Positive = 0.01
+    q_rad: tuple[float, ...]
+
+    def walls(self) -> tuple[Box, ...]:
+        """Floor and four walls as boxes in the base frame; `bin_center_m` is the centre of the floor's underside."""
+        (x, y, z), (sx, sy, sz), w = self.bin_center_m, self.bin_size_m, self.wall_m
+        return (
+            Box("bin floor", (sx, sy, w), (x, y, z + w / 2)),
+            Box("bin wall -x", (w, sy, sz), (x - sx / 2, y, z + sz / 2)),
+            Box("bin wall +x", (w, sy, sz), (x + sx / 2, y, z + sz / 2)),
+            Box("bin wall -y", (sx, w, sz), (x, y - sy / 2, z + sz / 2)),
+            Box("bin wall +y", (sx, w, sz), (x, y + sy / 2, z + sz / 2)),
+        )
+
+
+class RobotConfig(Model):
+    """One arm with its gripper and its place in the lab (`robot_configs/<name>.yaml`)."""
+
+    name: str
+    driver: Literal["ros2", "fci"]
+    description: str
+    urdf: str
+    srdf: str
+    joints: tuple[str, ...]
+    hand_link: str
+    T_base_task: Pose
+    home_q_rad: tuple[float, ...]
+    look_q_rad: tuple[float, ...]
+    limits: JointLimits
+    gripper: GripperModel
+    drop: DropModel
+    obstacles: tuple[BoxModel, ...] = ()
+    pregrasp_m: Positive = 0.08
+    lift_m: Positive = 0.15
+    contact_force_n: Positive = 25.0
+
+    @model_validator(mode="after")
+    def _lengths(self) -> Self:
+        n = len(self.joints)
+        vectors = {
+            "home_q_rad": self.home_q_rad,
+            "look_q_rad": self.look_q_rad,
+            "drop.q_rad": self.drop.q_rad,
+            "limits.velocity_rad_s": self.limits.velocity_rad_s,
+            "limits.acceleration_rad_s2": self.limits.acceleration_rad_s2,
+            "limits.jerk_rad_s3": self.limits.jerk_rad_s3,
+        }
+        for key, vector in vectors.items():
+            if len(vector) != n:
+                raise ValueError(f"{key} has {len(vector)} entries for {n} joints")
+        return self
+
+
+class CameraConfig(Model):
+    """One depth camera (`robot_configs/<name>.yaml`). Intrinsics come from the stream; these are the simulated ones."""
+
+    name: str
+    driver: Literal["realsense"]
+    description: str
+    width_px: int = Field(gt=0)
+    height_px: int = Field(gt=0)
+    simulated_fx_px: Positive
+    simulated_fy_px: Positive
+    simulated_cx_px: Positive
+    simulated_cy_px: Positive
+    depth_scale_m: Positive = 0.001
+    near_m: Positive = 0.1
+    far_m: Positive = 2.0
+    frame_id: str
+    frame_timeout_s: Positive = 5.0
+    calibration_max_age_days: Positive = 30.0
+    min_valid_ratio: Annotated[float, Field(ge=0, le=1)] = 0.3
+
+    def simulated_intrinsics(self) -> Intrinsics:
+        """Pinhole model of the simulated depth stream."""
+        return Intrinsics(
+            self.width_px,
+            self.height_px,
+            self.simulated_fx_px,
+            self.simulated_fy_px,
+            self.simulated_cx_px,
+            self.simulated_cy_px,
+        )
+
+
+class WorldConfig(Model):
+    """A simulated scene recipe (`sim/worlds/<name>.yaml`)."""
+
+    name: str
+    description: str
+    kind: Literal["packed", "pile", "adversarial"]
+    count: int = Field(gt=0, le=30)
+    scale_min: Positive = 1.0
+    scale_max: Positive = 1.0
+    view: Literal["side"] = "side"
+    noise: Literal["gamma", "gaussian", "none"] = "gamma"
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.scale_min > self.scale_max:
+            raise ValueError(f"scale_min {self.scale_min} is above scale_max {self.scale_max}")
+        return self
