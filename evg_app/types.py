@@ -233,6 +233,7 @@ class Box:
 
 
 __all__ = [
+    "VOXEL_SIZE",
     "ArmMode",
     "ArmState",
     "Box",
@@ -246,5 +247,4 @@ __all__ = [
     "Trajectory",
     "TsdfGrid",
     "Verdict",
-    "VOXEL_SIZE",
 ]

@@ -1,6 +1,7 @@
 """Finding and reading YAML files: the user's folder first, then the working directory, then what is shipped."""
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -40,6 +41,12 @@ def _named(folders: list[Path], room: str) -> Iterator[tuple[str, Path]]:
             yield path.stem, path
 
 
+def _is_device(path: Path, kind: str) -> bool:
+    """Whether the file says `device: <kind>`; a broken file passes, so that reading it names its fault."""
+    declared = re.search(r"^device:\s*(\w+)", path.read_text(encoding="utf-8", errors="replace"), re.MULTILINE)
+    return declared is None or declared[1] == kind
+
+
 def find(kind: str, room: str, name: str, config_dir: Path | None = None) -> Path:
     """Path of `<room>/<name>.yaml` in the search path.
 
@@ -48,7 +55,8 @@ def find(kind: str, room: str, name: str, config_dir: Path | None = None) -> Pat
     """
     files: dict[str, Path] = {}
     for stem, path in _named(search_path(config_dir), room):
-        files.setdefault(stem, path)
+        if kind == "scene" or _is_device(path, kind):
+            files.setdefault(stem, path)
     if name not in files:
         raise UnknownName(kind, name, list(files), f"Put {room}/{name}.yaml into your --config-dir to add one.")
     return files[name]

@@ -96,6 +96,7 @@ class DropModel(Model):
 class RobotConfig(Model):
     """One arm with its gripper and its place in the lab (`robot_configs/<name>.yaml`)."""
 
+    device: Literal["robot"]
     name: str
     driver: Literal["ros2", "fci"]
     description: str
@@ -134,6 +135,7 @@ class RobotConfig(Model):
 class CameraConfig(Model):
     """One depth camera (`robot_configs/<name>.yaml`). Intrinsics come from the stream; these are the simulated ones."""
 
+    device: Literal["camera"]
     name: str
     driver: Literal["realsense"]
     description: str

@@ -1,0 +1,204 @@
+"""`evg-app doctor`: what is installed, what is missing or unreachable, and the command that mends it."""
+
+import argparse
+import ctypes
+import importlib
+import importlib.util
+import json
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from evg_app.cli.console import say
+from evg_app.config.files import cache_folder, load_camera, load_robot, load_world, shipped_folder
+from evg_app.errors import EvgError
+
+CORE = ("numpy", "scipy", "torch", "open3d", "pinocchio", "coal", "ruckig", "pybullet", "trimesh", "safetensors")
+LIBRARIES = {
+    "libgomp.so.1": "libgomp1",
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+}
+EXTRAS = {
+    "realsense": ("pyrealsense2", "the D435i camera"),
+    "ros": ("rclpy", "the robot over ROS 2"),
+    "train": ("matplotlib", "curves of evg-app train"),
+    "test": ("pytest", "the test-suite"),
+}
+FREE_SPACE_GB = 2.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report.
+
+    Attributes:
+        check: what was looked at.
+        status: "ok", "note" (optional thing absent) or "fault" (evg-app cannot run).
+        detail: what was found.
+        mend: the command or step that mends it, empty when nothing is to be done.
+    """
+
+    check: str
+    status: str
+    detail: str
+    mend: str = ""
+
+
+def _import_error(module: str) -> str | None:
+    try:
+        importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        return str(error).splitlines()[0]
+    return None
+
+
+def check_python() -> Iterator[Finding]:
+    """Python 3.11 on a known platform."""
+    right = sys.version_info[:2] == (3, 11)
+    mend = "" if right else "Run: rm -rf .venv && ./setup.sh   (pybullet and the CPU torch have 3.11 wheels)"
+    yield Finding("python", "ok" if right else "fault", f"{platform.python_version()} on {platform.machine()}", mend)
+
+
+def check_libraries() -> Iterator[Finding]:
+    """Shared libraries that the wheels expect of the system."""
+    if platform.system() != "Linux":
+        return
+    for library, package in LIBRARIES.items():
+        try:
+            ctypes.CDLL(library)
+            yield Finding(library, "ok", "found")
+        except OSError:
+            yield Finding(library, "fault", "not found", f"Run: sudo apt-get install {package}")
+
+
+def check_core() -> Iterator[Finding]:
+    """Packages without which nothing runs."""
+    for module in CORE:
+        error = _import_error(module)
+        if error is None:
+            version = str(getattr(sys.modules[module], "__version__", "installed"))
+            yield Finding(module, "ok", version)
+        else:
+            yield Finding(module, "fault", error, "Run: ./setup.sh")
+
+
+def check_extras() -> Iterator[Finding]:
+    """Optional packages, by extra."""
+    for extra, (module, purpose) in EXTRAS.items():
+        if importlib.util.find_spec(module) is None:
+            yield Finding(f"extra {extra}", "note", f"not installed: {purpose}", f"Run: ./setup.sh {extra}")
+        else:
+            yield Finding(f"extra {extra}", "ok", purpose)
+
+
+def check_configs() -> Iterator[Finding]:
+    """Every shipped config file can be read."""
+    loaders: dict[str, Callable[[str], object]] = {"robot": load_robot, "camera": load_camera, "scene": load_world}
+    for kind, name in (("robot", "panda"), ("camera", "d435i"), ("scene", "packed"), ("scene", "pile")):
+        try:
+            loaders[kind](name)
+            yield Finding(f"{kind} {name}", "ok", "config reads")
+        except EvgError as error:
+            yield Finding(f"{kind} {name}", "fault", str(error), f"Restore it from {shipped_folder()} or reinstall")
+
+
+def check_weights() -> Iterator[Finding]:
+    """The shipped weights are complete."""
+    from evg_app.grasping.weights import load_weights
+
+    try:
+        _, card = load_weights("equiigd")
+        yield Finding("weights equiigd", "ok", f"sha256 {card['sha256'][:12]}")
+    except EvgError as error:
+        yield Finding("weights equiigd", "fault", str(error), "Run: git checkout -- evg_app/weights")
+
+
+def check_storage() -> Iterator[Finding]:
+    """Runs and the object cache can be written."""
+    cache = cache_folder()
+    for name, folder in (("working directory", Path.cwd()), ("cache", cache)):
+        existing = next(p for p in (folder, *folder.parents) if p.exists())
+        free = shutil.disk_usage(existing).free / 1e9
+        if not os.access(existing, os.W_OK):
+            yield Finding(name, "fault", f"{existing} is read-only", "Change to a folder you may write, or set HOME")
+        elif free < FREE_SPACE_GB:
+            yield Finding(name, "fault", f"{free:.1f} GB free", "Free some space: runs need about 1 MB per attempt")
+        else:
+            yield Finding(name, "ok", f"writable, {free:.0f} GB free")
+
+
+def check_camera() -> Iterator[Finding]:
+    """Whether a RealSense answers."""
+    try:
+        import pyrealsense2
+    except ImportError:
+        yield Finding("camera", "note", "cannot look: pyrealsense2 is not installed", "Run: ./setup.sh realsense")
+        return
+    names = [d.get_info(pyrealsense2.camera_info.name) for d in pyrealsense2.context().query_devices()]
+    if names:
+        yield Finding("camera", "ok", ", ".join(names))
+    else:
+        advice = "Plug it into a USB 3 port; check `lsusb | grep 8086` and the librealsense udev rules"
+        yield Finding("camera", "note", "no RealSense on USB", advice)
+
+
+def check_robot() -> Iterator[Finding]:
+    """Whether a robot can be reached."""
+    if importlib.util.find_spec("rclpy") is None:
+        yield Finding("robot", "note", "cannot look: rclpy is not installed", "Run: ./setup.sh ros")
+    else:
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        yield Finding("robot", "note", f"rclpy is installed; ROS domain {domain}", "Run: ros2 topic hz /joint_states")
+
+
+CHECKS = (
+    check_python,
+    check_libraries,
+    check_core,
+    check_extras,
+    check_configs,
+    check_weights,
+    check_storage,
+    check_camera,
+    check_robot,
+)
+
+
+def findings() -> list[Finding]:
+    """Every check, in order; a check that breaks is itself a finding."""
+    found: list[Finding] = []
+    for check in CHECKS:
+        try:
+            found.extend(check())
+        except Exception as error:  # a doctor must survive what it examines
+            found.append(Finding(check.__name__, "fault", f"{type(error).__name__}: {error}", "Run: ./setup.sh"))
+    return found
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("doctor", help="say what is installed, missing or unreachable, and how to mend it")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the findings as JSON")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the findings. Returns 0 when evg-app can run in simulation, else 2."""
+    found = findings()
+    for finding in found:
+        mark = {"ok": "ok   ", "note": "note ", "fault": "FAULT"}[finding.status]
+        say(f"{mark}  {finding.check:<18} {finding.detail}")
+        if finding.mend:
+            say(f"       {'':<18} -> {finding.mend}")
+    if args.json:
+        args.json.write_text(json.dumps([asdict(f) for f in found], indent=2) + "\n")
+    faults = sum(f.status == "fault" for f in found)
+    say(f"{faults} fault(s); " + ("evg-app run --sim cannot run" if faults else "evg-app run --sim can run"))
+    return 2 if faults else 0

@@ -1,0 +1,49 @@
+"""`evg-app`: parse, run the verb, turn every expected failure into one clear line and an exit code."""
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+
+from evg_app import __version__
+from evg_app.cli import doctor, generate, run, train, trials
+from evg_app.errors import EvgError
+
+VERBS = (run, trials, doctor, generate, train)
+
+EXIT_CODES = """exit codes: 0 finished (whatever the stop reason), 2 bad input, 3 refused (calibration, limits),
+4 hardware, 130 stopped by the user"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line; each verb adds its own."""
+    top = argparse.ArgumentParser(
+        prog="evg-app",
+        description="Pick objects off a table with equivariant volumetric grasping, on a robot or in simulation.",
+        epilog=EXIT_CODES,
+    )
+    top.add_argument("--version", action="version", version=f"evg-app {__version__}")
+    verbs = top.add_subparsers(dest="verb", required=True, metavar="VERB")
+    for verb in VERBS:
+        verb.add_parser(verbs)
+    return top
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command. Returns its exit code."""
+    args = parser().parse_args(arguments)
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
+    try:
+        return int(args.run(args))
+    except EvgError as error:
+        sys.stderr.write(f"evg-app {args.verb}: {error}\n")
+        return error.exit_code
+    except KeyboardInterrupt:
+        sys.stderr.write(f"evg-app {args.verb}: stopped by the user\n")
+        return 130
+    except BrokenPipeError:
+        return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

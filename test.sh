@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Sets everything up and runs all tests: fast ones, slow ones, then the reference oracle in an environment of its own.
+set -euo pipefail
+cd "$(dirname "$0")"
+./setup.sh test
+export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
+.venv/bin/python -m pytest -m "not slow and not oracle" "$@"
+.venv/bin/python -m pytest -m "slow and not oracle" "$@"
+
+# escnn needs numpy 1, the application numpy 2.
+if [ ! -f .venv-escnn/evg-setup ] || ! cmp -s pyproject.toml .venv-escnn/evg-setup; then
+  .venv/bin/python -m venv --clear .venv-escnn
+  .venv-escnn/bin/pip install -q --upgrade "pip>=25.1"
+  .venv-escnn/bin/pip install -q "torch==2.13.0+cpu" "numpy==1.26.4" 2>/dev/null || {
+    .venv-escnn/bin/pip install -q uv
+    .venv-escnn/bin/uv pip install -q --python .venv-escnn/bin/python --torch-backend cpu "torch==2.13.0" "numpy==1.26.4"
+  }
+  .venv-escnn/bin/pip install -q --no-deps --group escnn
+  .venv-escnn/bin/pip install -q iniconfig pluggy packaging pygments
+  cp pyproject.toml .venv-escnn/evg-setup
+fi
+.venv-escnn/bin/python -m pytest -c tests/oracle/pytest.ini tests/oracle "$@"
