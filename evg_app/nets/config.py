@@ -1,0 +1,75 @@
+"""Architectures as frozen values that go into the card of a weights file."""
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self
+
+from evg_app.nets.triplane import Side
+
+
+@dataclass(frozen=True)
+class NetConfig:
+    """What both networks share.
+
+    Attributes:
+        side: wiring of the side branch, `exact` (symmetric) or `mixed` (published).
+        reg: regular copies at the three levels of the backbone.
+    """
+
+    side: Side = "exact"
+    reg: tuple[int, int, int] = (8, 16, 32)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for a card, without the name of the network."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """The config a card describes.
+
+        Raises:
+            ValueError: a key is not known, or a value does not fit.
+        """
+        known = [f.name for f in fields(cls)]
+        unknown = sorted(set(values) - set(known))
+        if unknown:
+            raise ValueError(f"unknown keys {unknown} in the architecture of {cls.__name__}; known: {known}")
+        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+
+
+@dataclass(frozen=True)
+class EquiGIGAConfig(NetConfig):
+    """EquiGIGA (spec §2.2). Sizes are regular copies of the hidden type and numbers of blocks.
+
+    The published code uses `side_hidden=32, side_blocks=5` (937,571 parameters with free filters).
+    """
+
+    hidden: int = 32
+    blocks: int = 5
+    side_hidden: int = 16
+    side_blocks: int = 3
+
+
+@dataclass(frozen=True)
+class EquiIGDConfig(NetConfig):
+    """EquiIGD (spec §2.2 to §2.6).
+
+    Attributes:
+        hidden: regular copies in the heads of graspness, score, width and occupancy.
+        blocks: residual blocks of every head.
+        flow_reg, flow_triv: hidden type of the rotation flow and of the grasp-conditioned attention.
+        time_dim: size of the flow's time embedding.
+        offsets: attended points K of the deformable attention.
+        value_reg: regular copies of its values.
+        antipodal_score: exchange of the fingers leaves the grasp score alone (ours).
+        regressed_rotation: adds a regressed rotation as one more candidate (ours, not the paper's).
+    """
+
+    hidden: int = 16
+    blocks: int = 5
+    flow_reg: int = 8
+    flow_triv: int = 64
+    time_dim: int = 16
+    offsets: int = 8
+    value_reg: int = 24
+    antipodal_score: bool = True
+    regressed_rotation: bool = True
