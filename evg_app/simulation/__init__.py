@@ -1,1 +1,1 @@
-"""TBD"""
+"""The PyBullet world: objects, scenes, depth rendering and noise, and the simulated arm, gripper and camera."""
