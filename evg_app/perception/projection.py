@@ -70,10 +70,7 @@ def voxel_pixels(
     with np.errstate(invalid="ignore"):
         column, row = u.astype(np.int32), v.astype(np.int32)
     pixel = np.where(inside, row * np.int32(intrinsics.width) + column, np.int32(0))
-    if undistorted:
-        factor = _ray_factors(intrinsics).take(pixel)
-    else:
-        factor = np.sqrt(x * x + y * y + np.float32(1.0))
+    factor = _ray_factors(intrinsics).take(pixel) if undistorted else np.sqrt(x * x + y * y + np.float32(1.0))
     return VoxelPixels(pixel, inside, z, factor, shape)
 
 
@@ -122,19 +119,17 @@ def T_cam_grid_from_origin(T_cam_base: Array, origin: Array) -> Array:
 
 
 def points_in(
-    depth_m: F32, intrinsics: Intrinsics, T_cam_frame: Array, stride: int = 1, depth_trunc: float = 2.0
+    sparse_m: F32, intrinsics: Intrinsics, T_cam_frame: Array, stride: int = 1, depth_trunc: float = 2.0
 ) -> F32:
-    """Valid depth pixels as points of a frame [m]; every `stride`-th row and column. Shape (N, 3), float32.
+    """Valid pixels of `sparse_m` = depth[::stride, ::stride] [m] as points of a frame [m]. Shape (3, N), float32.
 
-    Undistorted cameras only matter here: the pixel's ray is taken as the pinhole ray.
+    Distortion is ignored: on a depth camera it moves a point by far less than the voxels this feeds.
     """
     T_frame_cam = invert(T_cam_frame)
-    d = depth_m[::stride, ::stride]
-    valid = (d > 0) & (d < depth_trunc)
-    z = d[valid]
-    rows, columns = np.nonzero(valid)
-    x = ((columns * stride - intrinsics.cx) / intrinsics.fx).astype(np.float32) * z
-    y = ((rows * stride - intrinsics.cy) / intrinsics.fy).astype(np.float32) * z
-    R, t = T_frame_cam[:3, :3].astype(np.float32), T_frame_cam[:3, 3].astype(np.float32)
-    points: F32 = np.stack([x, y, z], axis=1) @ R.T + t
+    R, t = T_frame_cam[:3, :3].astype(np.float32), T_frame_cam[:3, 3:].astype(np.float32)
+    a = ((np.arange(sparse_m.shape[1]) * stride - intrinsics.cx) / intrinsics.fx).astype(np.float32)
+    b = ((np.arange(sparse_m.shape[0]) * stride - intrinsics.cy) / intrinsics.fy).astype(np.float32)
+    valid = (sparse_m > 0) & (sparse_m < np.float32(depth_trunc))
+    points_cam = np.stack([(sparse_m * a)[valid], (sparse_m * b[:, None])[valid], sparse_m[valid]])
+    points: F32 = R @ points_cam + t
     return points

@@ -59,7 +59,7 @@ class TsdfFusion:
         Raises:
             BadInput: the image does not fit the intrinsics, or its unit is unknown.
         """
-        scale = _checked_scale(depth, intrinsics, depth_scale)
+        scale = checked_scale(depth, intrinsics, depth_scale)
         f, hit = signed_distances(depth, voxel_pixels(intrinsics, T_cam_task), TRUNCATION, scale)
         f = np.where(hit, f, np.float32(0.0))
         if self._sum is None or self._weight is None:
@@ -103,7 +103,7 @@ def fuse(frames: list[tuple[Frame, Array]]) -> TsdfGrid:
     return fusion.grid()
 
 
-def _checked_scale(depth: Depth, intrinsics: Intrinsics, depth_scale: float | None) -> float:
+def checked_scale(depth: Depth, intrinsics: Intrinsics, depth_scale: float | None) -> float:
     """The depth unit [m].
 
     Raises:
