@@ -1,0 +1,79 @@
+"""The perception of a table in front of an arm: `evg_app.perception` put together for the loop."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
+from evg_app.perception.health import depth_health
+from evg_app.perception.projection import points_in
+from evg_app.perception.self_filter import Capsule, remove_links
+from evg_app.perception.tsdf import fuse
+from evg_app.perception.volume import fuse_volume
+from evg_app.picking.context import View
+from evg_app.types import Frame
+
+EDGE = 0.02
+"""Points closer than this to a side of the workspace do not count as seen objects [m] (spec §6.1)."""
+ABOVE_TABLE = 0.005
+"""Points count as objects from this height above the table on [m] (spec §6.1)."""
+STRIDE = 2
+"""Every STRIDE-th row and column is looked at when counting points."""
+
+
+class TablePerception:
+    """Implements `picking.context.Perception`.
+
+    Args:
+        T_base_task: where the workspace is. Shape (4, 4).
+        camera_pose: T_base_cam (4, 4) for joint positions [rad]: constant for a fixed camera.
+        links: the arm's links for joint positions [rad], removed from the depth image.
+    """
+
+    def __init__(
+        self,
+        T_base_task: Array,
+        camera_pose: Callable[[Array], Array],
+        links: Callable[[Array], Sequence[Capsule]],
+    ) -> None:
+        self._T_base_task, self._camera_pose, self._links = T_base_task, camera_pose, links
+
+    @property
+    def T_base_task(self) -> Array:
+        """Where the workspace is. Shape (4, 4)."""
+        return self._T_base_task
+
+    def T_base_cam(self, q: Array) -> Array:
+        """Where the camera is. Shape (4, 4)."""
+        return self._camera_pose(q)
+
+    def clean(self, frame: Frame, q: Array) -> Frame:
+        """The frame without the arm's own links."""
+        T_cam_base = invert(self.T_base_cam(q))
+        depth, _ = remove_links(
+            frame.depth, frame.intrinsics, T_cam_base, self._links(q), depth_scale=frame.depth_scale
+        )
+        return replace(frame, depth=depth.astype(np.uint16, copy=False))
+
+    def problem(self, frame: Frame, q: Array) -> str:
+        """Why no plan may be made on this frame, empty when it is good enough."""
+        return depth_health(frame, self._T_cam_task(q)).advice
+
+    def view(self, frame: Frame, q: Array) -> View:
+        """Fuse a clean frame into the planner's grid and the collision volume."""
+        T_cam_task = self._T_cam_task(q)
+        volume = fuse_volume([(frame, invert(self.T_base_cam(q)))], self._T_base_task)
+        return View(fuse([(frame, T_cam_task)]), volume, points_above_table(frame, T_cam_task))
+
+    def _T_cam_task(self, q: Array) -> Array:
+        return np.asarray(invert(self.T_base_cam(q)) @ self._T_base_task)
+
+
+def points_above_table(frame: Frame, T_cam_task: Array) -> int:
+    """How many (sub-sampled) measured points lie above the table inside the workspace."""
+    sparse = frame.depth[::STRIDE, ::STRIDE].astype(np.float32) * np.float32(frame.depth_scale)
+    points = points_in(sparse, frame.intrinsics, T_cam_task, STRIDE)
+    low = np.array([EDGE, EDGE, TABLE_HEIGHT + ABOVE_TABLE], dtype=np.float32)
+    high = np.array([WORKSPACE_SIZE - EDGE, WORKSPACE_SIZE - EDGE, WORKSPACE_SIZE], dtype=np.float32)
+    return int(((points > low) & (points < high)).all(axis=1).sum())

@@ -1,0 +1,43 @@
+"""Recover: after a reflex or a motion that fell short, a bounded number of tries, each with its cause logged."""
+
+from typing import Literal
+
+from evg_app.errors import HardwareError
+from evg_app.events import Warned
+from evg_app.picking.session import Round
+from evg_app.picking.states import Outcome
+from evg_app.picking.verify import held
+
+
+def recover(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING, Outcome.GIVE_UP]:
+    """Bring the arm back to idle; `HOLDING` when an object still hangs in the fingers."""
+    attempt, settings = round_.now, round_.ctx.settings
+    cause = attempt.fault or attempt.blocked
+    round_.recoveries += 1
+    if round_.recoveries > settings.max_recoveries:
+        return _give_up(round_, f"{settings.max_recoveries} recoveries in a row did not help: {cause}")
+    round_.emit(Warned("recovering", cause))
+    problem = ""
+    for _ in range(settings.recover_tries):
+        round_.ctx.stop.check()
+        try:
+            round_.ctx.devices.arm.recover(settings.recover_timeout_s)
+            return _recovered(round_)
+        except HardwareError as error:
+            problem = str(error)
+            round_.emit(Warned("recovery failed", problem))
+    return _give_up(round_, f"recovery failed {settings.recover_tries} times: {problem} (first cause: {cause})")
+
+
+def _recovered(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING]:
+    attempt = round_.now
+    round_.emit(Warned("recovered", attempt.fault or attempt.blocked))
+    carrying = attempt.closed and not attempt.released
+    in_hand = carrying and held(round_.ctx.devices.gripper.state(), round_.ctx.robot.gripper)
+    return Outcome.HOLDING if in_hand else Outcome.OK
+
+
+def _give_up(round_: Round, why: str) -> Literal[Outcome.GIVE_UP]:
+    round_.detail = why
+    round_.emit(Warned("gave up", why))
+    return Outcome.GIVE_UP
