@@ -16,6 +16,11 @@ from evg_app.simulation.convex import arc, cuboid, disc_section, shell, stack, t
 Blocks = list[Array]
 Rng = np.random.Generator
 
+_SIDES = 10
+"""Sectors of a hollow wall: few, since every one is a collision body."""
+_LIFT = 0.0008
+"""Walls start this far above the floor they stand on [m]: one contact instead of many."""
+
 
 def box(rng: Rng) -> Blocks:
     """A carton: one side always fits the gripper."""
@@ -56,7 +61,7 @@ def jar(rng: Rng) -> Blocks:
 def _vessel(radii: tuple[float, float], height: float, wall: float) -> Blocks:
     r0, r1 = radii
     floor = stack([(r0, 0.0), (r0 + (r1 - r0) * wall / height, wall)])
-    return [floor, *shell([(r0 - wall, r0, 0.0), (r1 - wall, r1, height)])]
+    return [floor, *shell([(r0 - wall, r0, _LIFT), (r1 - wall, r1, height)], _SIDES)]
 
 
 def cup(rng: Rng) -> Blocks:
@@ -69,7 +74,7 @@ def mug(rng: Rng) -> Blocks:
     """A mug with a handle."""
     r, h = rng.uniform(0.03, 0.042), rng.uniform(0.07, 0.10)
     bar = rng.uniform(0.004, 0.006)
-    loop = arc(h * rng.uniform(0.25, 0.32), disc_section(bar, 6), -0.5 * np.pi, 0.5 * np.pi, 6)
+    loop = arc(h * rng.uniform(0.25, 0.32), disc_section(bar, 4), -0.5 * np.pi, 0.5 * np.pi, 4)
     handle = [turned(b, "x", 0.5 * np.pi, (r - 0.002, 0.0, 0.5 * h)) for b in loop]
     return [*_vessel((r * rng.uniform(0.9, 1.0), r), h, rng.uniform(0.003, 0.005)), *handle]
 
@@ -79,21 +84,21 @@ def bowl(rng: Rng) -> Blocks:
     r, wall = rng.uniform(0.045, 0.065), rng.uniform(0.003, 0.005)
     h, foot = r * rng.uniform(0.55, 0.8), r * rng.uniform(0.4, 0.55)
     mid = foot + 0.72 * (r - foot)
-    profile = [(foot - wall, foot, 0.0), (mid - wall, mid, 0.4 * h), (r - wall, r, h)]
-    return [stack([(foot, 0.0), (foot + 0.1 * (mid - foot), wall)]), *shell(profile)]
+    profile = [(foot - wall, foot, _LIFT), (mid - wall, mid, 0.4 * h), (r - wall, r, h)]
+    return [stack([(foot, 0.0), (foot + 0.1 * (mid - foot), wall)]), *shell(profile, _SIDES)]
 
 
 def tube(rng: Rng) -> Blocks:
     """A pipe, open at both ends."""
     r, wall, h = rng.uniform(0.015, 0.033), rng.uniform(0.003, 0.005), rng.uniform(0.05, 0.11)
-    return shell([(r - wall, r, 0.0), (r - wall, r, h)])
+    return shell([(r - wall, r, 0.0), (r - wall, r, h)], _SIDES)
 
 
 def basket(rng: Rng) -> Blocks:
     """An open rectangular box."""
     w, d, h, t = rng.uniform(0.045, 0.07), rng.uniform(0.06, 0.10), rng.uniform(0.03, 0.07), rng.uniform(0.003, 0.005)
-    sides = [cuboid([w, t, h], [0, s * (d - t) / 2, h / 2]) for s in (-1, 1)]
-    ends = [cuboid([t, d, h], [s * (w - t) / 2, 0, h / 2]) for s in (-1, 1)]
+    sides = [cuboid([w, t, h], [0, s * (d - t) / 2, h / 2 + _LIFT]) for s in (-1, 1)]
+    ends = [cuboid([t, d, h], [s * (w - t) / 2, 0, h / 2 + _LIFT]) for s in (-1, 1)]
     return [cuboid([w, d, t], [0, 0, t / 2]), *sides, *ends]
 
 

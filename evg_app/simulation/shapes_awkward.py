@@ -29,7 +29,7 @@ def plate(rng: Rng) -> Blocks:
     """A shallow plate with a raised rim."""
     r, wall = rng.uniform(0.045, 0.07), rng.uniform(0.0035, 0.005)
     foot, h = r * rng.uniform(0.55, 0.7), rng.uniform(0.012, 0.02)
-    rim = shell([(foot - wall, foot, 0.0), (r - 2 * wall, r, h)])
+    rim = shell([(foot - wall, foot, 0.0008), (r - 2 * wall, r, h)], 10)
     return [stack([(foot, 0.0), (foot, wall)]), *rim]
 
 
@@ -56,8 +56,8 @@ def ring(rng: Rng) -> Blocks:
     """A ring, round or flat in section."""
     outer = rng.uniform(0.025, 0.05)
     bar = rng.uniform(0.005, 0.009)
-    section = disc_section(bar) if rng.random() < 0.5 else rectangle_section(2 * bar, 2.4 * bar)
-    return arc(outer - bar, section, 0.0, 2.0 * np.pi, 14)
+    section = disc_section(bar, 5) if rng.random() < 0.5 else rectangle_section(2 * bar, 2.4 * bar)
+    return arc(outer - bar, section, 0.0, 2.0 * np.pi, 10)
 
 
 def ball(rng: Rng) -> Blocks:
@@ -124,7 +124,7 @@ def halfpipe(rng: Rng) -> Blocks:
     """A curved shell, like a roof tile."""
     r, wall, h = rng.uniform(0.025, 0.04), rng.uniform(0.004, 0.006), rng.uniform(0.05, 0.10)
     bend = rng.uniform(0.35, 0.6) * np.pi
-    tile = arc(r, rectangle_section(wall, h), -bend, bend, 9)
+    tile = arc(r, rectangle_section(wall, h), -bend, bend, 6)
     return [turned(b, "y", -0.5 * np.pi) for b in tile]
 
 
