@@ -232,11 +232,28 @@ class Box:
     center: tuple[float, float, float]
 
 
+@dataclass(frozen=True)
+class Capsule:
+    """All points within `radius` of a segment; a sphere when both ends are equal.
+
+    Attributes:
+        p0, p1: ends of the segment in the base frame [m]. Shape (3,).
+        radius: [m].
+        name: the link it belongs to.
+    """
+
+    p0: Array
+    p1: Array
+    radius: float
+    name: str = ""
+
+
 __all__ = [
     "VOXEL_SIZE",
     "ArmMode",
     "ArmState",
     "Box",
+    "Capsule",
     "CollisionVolume",
     "Frame",
     "Grasps",

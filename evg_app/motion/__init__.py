@@ -1,1 +1,1 @@
-"""TBD"""
+"""Kinematics, collision, and paths: from ranked grasps to checked, timed joint trajectories."""
