@@ -21,14 +21,14 @@ def _regular_index(out_reg: int, in_reg: int, kernel: int) -> Tensor:
     return torch.stack(copies, 1).reshape(ORDER * out_reg, ORDER * in_reg, kernel, kernel)
 
 
-def _lift_index(out_reg: int, in_channels: int, window: tuple[int, ...]) -> Tensor:
+def lift_index(out_reg: int, in_channels: int, window: tuple[int, ...]) -> Tensor:
     """Index of an invariant-to-regular filter; the first two axes of `window` are x and y."""
     base = torch.arange(out_reg * in_channels * math.prod(window)).view(out_reg, in_channels, *window)
     copies = [torch.rot90(base, k, (2, 3)) for k in range(ORDER)]
     return torch.stack(copies, 1).reshape(ORDER * out_reg, in_channels, *window)
 
 
-class _RegularBias(nn.Module):
+class RegularBias(nn.Module):
     """One bias per regular copy, shared by its four orientations."""
 
     def __init__(self, copies: int) -> None:
@@ -36,6 +36,7 @@ class _RegularBias(nn.Module):
         self.value = nn.Parameter(torch.zeros(copies))
 
     def forward(self) -> Tensor:
+        """Full bias (4 copies,)."""
         return self.value.repeat_interleave(ORDER)
 
 
@@ -47,7 +48,7 @@ class RegularConv2d(nn.Module):
         index = _regular_index(out_reg, in_reg, kernel)
         std = math.sqrt(gain / (ORDER * in_reg * kernel**2))
         self.filter = ExpandedFilter(out_reg * in_reg * ORDER * kernel**2, index, None, std)
-        self.bias = _RegularBias(out_reg)
+        self.bias = RegularBias(out_reg)
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
@@ -60,41 +61,15 @@ class LiftConv2d(nn.Module):
 
     def __init__(self, in_channels: int, out_reg: int, kernel: int = 3) -> None:
         super().__init__()
-        index = _lift_index(out_reg, in_channels, (kernel, kernel))
+        index = lift_index(out_reg, in_channels, (kernel, kernel))
         std = math.sqrt(2.0 / (in_channels * kernel**2))
         self.filter = ExpandedFilter(out_reg * in_channels * kernel**2, index, None, std)
-        self.bias = _RegularBias(out_reg)
+        self.bias = RegularBias(out_reg)
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
         """Equivariant map of invariant channels with (row, column) = (x, y)."""
         return F.conv2d(x, self.filter(), self.bias(), padding=self.padding)
-
-
-class LiftConv3d(nn.Module):
-    """One invariant volume to regular copies, the group acting on (x, y) only (spec §2.1). 3x3x3, padded.
-
-    Computed as a 2D convolution of z-slabs, twice as fast as conv3d on a CPU.
-    """
-
-    def __init__(self, out_reg: int) -> None:
-        super().__init__()
-        index = _lift_index(out_reg, 1, (3, 3, 3))
-        self.filter = ExpandedFilter(out_reg * 27, index, None, math.sqrt(2.0 / 27))
-        self.bias = _RegularBias(out_reg)
-
-    def forward(self, grid: Tensor) -> Tensor:
-        """(B, 1, X, Y, Z) -> (B, Z, X, Y, 4 out), channels last."""
-        batch, _, nx, ny, nz = grid.shape
-        slabs = F.pad(grid[:, 0], (1, 1)).unfold(3, 3, 1).permute(0, 3, 4, 1, 2).reshape(batch * nz, 3, nx, ny)
-        weight = self.filter()[:, 0].permute(0, 3, 1, 2)
-        out = F.conv2d(
-            slabs.contiguous(memory_format=torch.channels_last),
-            weight.contiguous(memory_format=torch.channels_last),
-            self.bias(),
-            padding=1,
-        )
-        return out.permute(0, 2, 3, 1).reshape(batch, nz, nx, ny, -1)
 
 
 class C4Linear(nn.Module):

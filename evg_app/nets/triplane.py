@@ -19,10 +19,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from evg_app.nets.c4 import C4Linear, LiftConv3d, RegularConv2d
+from evg_app.nets.c4 import C4Linear, RegularConv2d
 from evg_app.nets.features import Features
 from evg_app.nets.fibres import ORDER, Fibre
 from evg_app.nets.heads import RESIDUAL_START
+from evg_app.nets.lift import LiftAndProject
 
 Side = Literal["exact", "mixed"]
 """Wiring of the side branch."""
@@ -83,7 +84,8 @@ class SideToPlane(nn.Module):
         """xy (B, 4 reg, X, Y), means ax (B, C, X) and ay (B, C, Y). (B, 4 reg, X, Y)."""
         matrix = self.linear.matrix()
         regular, invariant = matrix[:, : self.regular], matrix[:, self.regular :]
-        out = F.conv2d(xy, regular[..., None, None], self.linear.bias())
+        weight = regular[..., None, None].contiguous(memory_format=torch.channels_last)
+        out = F.conv2d(xy, weight, self.linear.bias())
         return out + (invariant @ ax)[..., None] + (invariant @ ay)[..., None, :]
 
 
@@ -103,7 +105,7 @@ class JointTriUNet(nn.Module):
         self.reg = reg
         channels = [ORDER * n for n in reg]
         down, up = list(range(len(reg))), list(range(len(reg) - 2, -1, -1))
-        self.lift = LiftConv3d(reg[0])
+        self.lift = LiftAndProject(reg[0])
         self.xy_down = nn.ModuleList(SteerableBlock(reg[max(i - 1, 0)], reg[i]) for i in down)
         self.side_down = nn.ModuleList(PlainBlock(channels[max(i - 1, 0)], channels[i]) for i in down)
         self.s2tp_down = nn.ModuleList(SideToPlane(reg[i], channels[i]) for i in down)
@@ -119,10 +121,7 @@ class JointTriUNet(nn.Module):
 
     def forward(self, grid: Tensor) -> Features:
         """Encode TSDF grids (B, 1, N, N, N), axes (x, y, z), N divisible by 4."""
-        lifted = F.relu_(self.lift(grid))  # (B, Z, X, Y, C)
-        xy = lifted.mean(1).permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
-        xz = lifted.mean(3).permute(0, 3, 2, 1)
-        yz = lifted.mean(2).permute(0, 3, 2, 1)
+        xy, xz, yz = self.lift(grid)
         views = self._views(xz, yz).contiguous(memory_format=torch.channels_last)
         skips: list[tuple[Tensor, Tensor]] = []
         for level, (steer, plain, join) in enumerate(zip(self.xy_down, self.side_down, self.s2tp_down, strict=True)):
