@@ -139,7 +139,7 @@ class JointTriUNet(nn.Module):
             views = self.side_merge[i](torch.cat([self.side_up[i](views), side_skip], 1))
             xy = join(xy, *self._fold(views.mean(-1)))
         xz, yz = self._fold(self.side_out(views))
-        return Features(torch.stack([self.xy_out(xy), xz, yz]))
+        return Features(torch.stack([plane.permute(0, 2, 3, 1) for plane in (self.xy_out(xy), xz, yz)]))
 
     def _views(self, xz: Tensor, yz: Tensor) -> Tensor:
         """Side views (V B, C, horizontal, z) of the lifted planes: 2 for `mixed`, 4 for `exact`."""
