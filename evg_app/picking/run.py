@@ -38,13 +38,17 @@ def run_rounds(ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int) -
     Raises:
         EvgError: from `rounds.prepare`; anything unexpected is raised after the devices were stopped.
     """
+    with ctx.stop.on_sigint():
+        return _run(ctx, rounds, tuple(seeds), count)
+
+
+def _run(ctx: Context, rounds: Rounds, seeds: tuple[int, ...], count: int) -> RunResult:
     emitter = Emitter(ctx.sink, ctx.stop)
-    emitter.emit(RunStarted(tuple(seeds), count, ctx.planner.name, ctx.planner.weights_sha256))
+    emitter.emit(RunStarted(seeds, count, ctx.planner.name, ctx.planner.weights_sha256))
     done: list[RoundResult] = []
     status, detail = "error", "ended unexpectedly"
     try:
-        with ctx.stop.on_sigint():
-            _all_rounds(ctx, emitter, rounds, [(s, i) for s in seeds for i in range(count)], done)
+        _all_rounds(ctx, emitter, rounds, [(s, i) for s in seeds for i in range(count)], done)
         status, detail = _status(ctx, emitter, done)
     except Stopped as error:
         status, detail = "stopped by the user", str(error)
@@ -53,8 +57,8 @@ def run_rounds(ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int) -
         raise
     finally:
         emitter.emit(RunFinished(status, detail))
-    error_ = emitter.failure or (HardwareError(detail) if status == "error" else None)
-    return RunResult(tuple(done), stopped=status == "stopped by the user", error=error_)
+    failure = emitter.failure or (HardwareError(detail) if status == "error" else None)
+    return RunResult(tuple(done), stopped=status == "stopped by the user", error=failure)
 
 
 def _all_rounds(
