@@ -1,0 +1,77 @@
+"""Where the networks are asked: voxel centres, centres of 2x2x2 blocks, and the flow's noise at each.
+
+All of it turns with the scene: the lattices are symmetric about the workspace's centre, and the noise of
+a voxel is that of its image in the first quadrant, turned with it.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evg_app.geometry import GRID_SIZE, VOXEL_SIZE, Array
+
+BLOCKS = GRID_SIZE // 2
+"""Coarse lattice points along each side: one per block of 2 voxels. (A lattice of every second voxel centre
+would not be symmetric about the centre.)"""
+
+Indices = NDArray[np.intp]
+
+
+def voxel_points(index: Indices) -> NDArray[np.float32]:
+    """Voxel centres in units of the cube, centred, in [-0.5, 0.5]. Flat indices (N,) -> (N, 3)."""
+    ijk = np.stack(np.unravel_index(index, (GRID_SIZE,) * 3), axis=-1)
+    return ((ijk + 0.5) / GRID_SIZE - 0.5).astype(np.float32)
+
+
+def voxel_positions(index: Indices) -> Array:
+    """Voxel centres in the task frame [m]. Flat indices (N,) -> (N, 3)."""
+    positions: Array = (np.stack(np.unravel_index(index, (GRID_SIZE,) * 3), axis=-1) + np.float64(0.5)) * VOXEL_SIZE
+    return positions
+
+
+def block_points(index: Indices) -> NDArray[np.float32]:
+    """Block centres in units of the cube, centred. Flat indices into (20, 20, 20), (N,) -> (N, 3)."""
+    ijk = np.stack(np.unravel_index(index, (BLOCKS,) * 3), axis=-1)
+    return ((ijk + 0.5) / BLOCKS - 0.5).astype(np.float32)
+
+
+def blocks_with(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Blocks that hold some voxel of the mask. (40, 40, 40) -> (20, 20, 20)."""
+    return np.asarray(mask.reshape(BLOCKS, 2, BLOCKS, 2, BLOCKS, 2).any(axis=(1, 3, 5)))
+
+
+def block_of(index: Indices) -> Indices:
+    """Flat block index of flat voxel indices. Shape (N,)."""
+    i, j, k = (axis // 2 for axis in np.unravel_index(index, (GRID_SIZE,) * 3))
+    return np.asarray((i * BLOCKS + j) * BLOCKS + k)
+
+
+def voxels_of(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """All voxels of some blocks. (20, 20, 20) -> (40, 40, 40)."""
+    return blocks.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
+
+
+def rotation_noise(index: Indices, samples: int, seed: int) -> NDArray[np.float32]:
+    """The flow's N(0, 1) start at voxels: a function of seed and voxel that turns with the scene.
+
+    Rows of the 2x3 block of a rotation turn as vectors: after a quarter turn (row1, row2) is (-row2, row1).
+
+    Args:
+        index: flat voxel indices. Shape (N,).
+        samples: draws S per voxel.
+        seed: any int.
+
+    Returns:
+        Six numbers in row order. Shape (S, N, 6).
+    """
+    half = GRID_SIZE // 2
+    table = np.random.default_rng(abs(seed)).standard_normal((samples, half * half * GRID_SIZE, 6), dtype=np.float32)
+    i, j, k = np.unravel_index(index, (GRID_SIZE,) * 3)
+    turns = np.select([(i >= half) & (j >= half), (i < half) & (j >= half), (i < half) & (j < half)], [0, 1, 2], 3)
+    x, y = i - half, j - half  # cells of the first quadrant: 0 .. 19; their quarter turn is (x, y) -> (-1 - y, x)
+    home_x = np.select([turns == 0, turns == 1, turns == 2], [x, y, -1 - x], -1 - y)
+    home_y = np.select([turns == 0, turns == 1, turns == 2], [y, -1 - x, -1 - y], x)
+    noise = table[:, (home_x * half + home_y) * GRID_SIZE + k]
+    row1, row2, turn = noise[..., :3], noise[..., 3:], turns[:, None]
+    first = np.select([turn == 0, turn == 1, turn == 2], [row1, -row2, -row1], row2)
+    second = np.select([turn == 0, turn == 1, turn == 2], [row2, row1, -row2], -row1)
+    return np.concatenate([first, second], axis=-1)

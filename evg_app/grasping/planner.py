@@ -1,0 +1,243 @@
+"""The networks' planner: coarse to fine, and the network alone ranks.
+
+1. Encode the grid once. 2. Ask graspness on block centres near seen surface, then on the voxels of the best
+blocks; smooth. 3. For the best voxels: rotations (regressed, and flow samples), classified; the best one stays.
+4. q = sqrt(graspness * score), width and threshold, near duplicates go, sort.
+
+`dense=True` asks all candidate voxels instead (the paper's way, the reference); everything else is the same.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from evg_app.errors import BadInput, WeightsError
+from evg_app.geometry import GRID_SIZE, WORKSPACE_SIZE, Array, make
+from evg_app.grasping import lattice, selection
+from evg_app.grasping.protocol import Grid, grid_values
+from evg_app.grasping.weights import load_weights
+from evg_app.nets.equigiga import EquiGIGA
+from evg_app.nets.equiigd import EquiIGD
+from evg_app.nets.features import Features
+from evg_app.nets.rotation import from_rows
+from evg_app.types import Grasps
+
+
+@dataclass(frozen=True)
+class PlannerConfig:
+    """How a plan is searched.
+
+    Attributes:
+        blocks: best blocks of the coarse lattice whose voxels are asked.
+        points: best voxels K that get rotations.
+        per_block: at most so many of one block of 2x2x2 voxels, so that K voxels cover all objects.
+        samples: flow samples per voxel, beside the regressed rotation.
+        steps: Euler steps of the flow (2-5 were as good as 10, learning.md's measurement).
+        sigma: smoothing of graspness [voxels].
+        threshold: least score of a grasp (LOW_TH of spec §5).
+        nms_radius: near duplicates within this distance [m] ...
+        nms_angle: ... and this angle [rad] of a better grasp go.
+        dense: ask all candidate voxels, and rotations wherever graspness exceeds `dense_graspness`.
+        dense_graspness: spec §5.1's low_th.
+        chunk: points per network call.
+    """
+
+    blocks: int = 192
+    points: int = 256
+    per_block: int = 2
+    samples: int = 2
+    steps: int = 5
+    sigma: float = 1.0
+    threshold: float = 0.2
+    nms_radius: float = 0.015
+    nms_angle: float = 0.5236
+    dense: bool = False
+    dense_graspness: float = 0.05
+    chunk: int = 4096
+
+
+class GraspPlanner:
+    """Plans with EquiIGD or EquiGIGA. See `load`."""
+
+    def __init__(
+        self,
+        net: nn.Module,
+        *,
+        name: str,
+        weights_sha256: str = "",
+        config: PlannerConfig | None = None,
+        device: str = "cpu",
+    ) -> None:
+        if not isinstance(net, EquiIGD | EquiGIGA):
+            raise BadInput(f"no planner for a network of type {type(net).__name__}; use EquiIGD or EquiGIGA")
+        self._device = _device(device)
+        self._net = net.eval().to(self._device)
+        self._name, self._sha = name, weights_sha256
+        self.config = config or PlannerConfig()
+
+    @classmethod
+    def load(
+        cls,
+        model: str = "equiigd",
+        weights: str | Path | None = None,
+        device: str = "cpu",
+        config: PlannerConfig | None = None,
+    ) -> Self:
+        """A planner with trained weights.
+
+        Args:
+            model: "equiigd" or "equigiga".
+            weights: a shipped name or a `.safetensors` path; None for the shipped weights of the model's name.
+            device: where torch runs, e.g. "cpu" or "cuda".
+            config: how to search.
+
+        Raises:
+            WeightsError: weights missing, corrupt, or of another model.
+            BadInput: torch does not have the device.
+        """
+        net, card = load_weights(weights if weights is not None else model)
+        if card.architecture != model:
+            raise WeightsError(
+                f"weights '{card.name}' are for the model '{card.architecture}', not '{model}'; "
+                f"use --model {card.architecture} or other --weights"
+            )
+        return cls(net, name=model, weights_sha256=card.sha256, config=config, device=device)
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self._name
+
+    @property
+    def weights_sha256(self) -> str:
+        """Hash of the weights file, empty for a bare network."""
+        return self._sha
+
+    def plan(self, grid: Grid, seed: int = 0) -> Grasps:
+        """Ranked grasps in the task frame, best first; the same for the same grid and seed.
+
+        Args:
+            grid: a TsdfGrid, or its bare values (40, 40, 40) in the convention of spec §1.
+            seed: of the flow's noise.
+
+        Raises:
+            BadInput: the grid has another shape or values outside [0, 1].
+        """
+        values = grid_values(grid)
+        mask = selection.candidate_mask(values)
+        if not mask.any():
+            return Grasps.empty()
+        with torch.inference_mode():
+            features = self.encode(values)
+            index, graspness = self.locate(features, mask)
+            if len(index) == 0:
+                return Grasps.empty()
+            rotation, score, width = self.orient(features, index, seed)
+        return self.assemble(index, rotation, np.sqrt(graspness * score), width)
+
+    def plan_dense(self, grid: Grid, seed: int = 0) -> Grasps:
+        """The reference: `plan` with the dense search of the paper (about ten times slower)."""
+        config = PlannerConfig(**{**self.config.__dict__, "dense": True})
+        dense = GraspPlanner(
+            self._net, name=self._name, weights_sha256=self._sha, config=config, device=str(self._device)
+        )
+        return dense.plan(grid, seed)
+
+    def encode(self, values: NDArray[np.float32]) -> Features:
+        """Features of one grid (40, 40, 40)."""
+        return self._net.encode(self._tensor(values)[None, None])
+
+    def locate(self, features: Features, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
+        """Where to grasp: flat voxel indices (K,) with their smoothed graspness in [0, 1] (K,), best first."""
+        if not self.config.dense:
+            coarse = np.flatnonzero(lattice.blocks_with(mask))
+            answers = self._graspness(features, lattice.block_points(coarse))
+            chosen = np.zeros((lattice.BLOCKS,) * 3, dtype=np.bool_)
+            chosen.ravel()[coarse[selection.best(answers, self.config.blocks)]] = True
+            mask = mask & lattice.voxels_of(chosen)
+        fine = np.flatnonzero(mask)
+        volume = np.zeros((GRID_SIZE,) * 3, dtype=np.float32)
+        volume.ravel()[fine] = self._graspness(features, lattice.voxel_points(fine))
+        smoothed = selection.smooth(volume, mask, self.config.sigma).ravel()[fine]
+        if self.config.dense:
+            keep = np.flatnonzero(smoothed > self.config.dense_graspness)
+            keep = keep[selection.best(smoothed[keep], len(keep))]
+        else:
+            keep = selection.spread(smoothed, lattice.block_of(fine), self.config.per_block, self.config.points)
+            keep = keep[smoothed[keep] >= self.config.threshold**2]  # q <= sqrt(graspness)
+        return fine[keep], smoothed[keep].astype(np.float64)
+
+    def orient(self, features: Features, index: NDArray[np.intp], seed: int) -> tuple[Array, Array, Array]:
+        """How to grasp at voxels (K,): rotation (K, 3, 3), its score in [0, 1] (K,), opening [m] (K,)."""
+        noise = lattice.rotation_noise(index, self.config.samples, seed)
+        parts = []
+        for part in self._chunks(len(index)):
+            p = self._tensor(lattice.voxel_points(index[part]))[None]
+            width = self._net.width(features, p)[0]
+            if isinstance(self._net, EquiIGD):
+                rotation, score = self._best_rotation(self._net, features, p, self._tensor(noise[:, part]))
+            else:
+                rotation, score = self._net.rotation(features, p)[0], torch.ones_like(width)
+            parts.append((rotation, score, width * WORKSPACE_SIZE))
+        answers = [torch.cat(part).cpu().numpy().astype(np.float64) for part in zip(*parts, strict=True)]
+        return answers[0], answers[1], answers[2]
+
+    def assemble(self, index: NDArray[np.intp], rotation: Array, score: Array, width: Array) -> Grasps:
+        """The grasps worth keeping of those at voxels (K,), best first."""
+        keep = np.flatnonzero((score >= self.config.threshold) & selection.width_mask(width))
+        T = make(_orthonormal(rotation[keep]), lattice.voxel_positions(index[keep]))
+        order = selection.suppress(T, score[keep], self.config.nms_radius, self.config.nms_angle)
+        return Grasps(T[order], width[keep][order], score[keep][order])
+
+    def _graspness(self, features: Features, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Graspness in [0, 1] at points (N, 3), asked in chunks. Shape (N,)."""
+        p = self._tensor(points)[None]
+        parts = [self._net.graspness(features, p[:, part]) for part in self._chunks(len(points))]
+        answer: NDArray[np.float32] = torch.cat(parts, 1).sigmoid()[0].cpu().numpy()
+        return answer
+
+    def _best_rotation(self, net: EquiIGD, features: Features, p: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
+        """Of the candidates at points (1, K, 3) from noise (S, K, 6): the best (K, 3, 3), and its score (K,)."""
+        context = net.rotation_context(features, p)
+        candidates = [net.sample_from_context(context, noise, self.config.steps)] if len(noise) else []
+        if net.rotation_head is not None:
+            candidates.append(from_rows(net.regress_from_context(context)))
+        rotations = torch.cat(candidates)
+        scores = torch.cat([net.grasp_score(features, p, rotation[None]) for rotation in rotations]).sigmoid()
+        score, which = scores.max(0)
+        return rotations[which, torch.arange(p.shape[1], device=p.device)], score
+
+    def _chunks(self, n: int) -> Iterator[slice]:
+        """Slices that cover n points."""
+        return (slice(i, min(i + self.config.chunk, n)) for i in range(0, n, self.config.chunk))
+
+    def _tensor(self, array: NDArray[np.float32]) -> Tensor:
+        """The array on the planner's device."""
+        return torch.tensor(array, device=self._device)
+
+
+def _orthonormal(rotation: Array) -> Array:
+    """Nearest rotations in float64: the networks' float32 ones are orthonormal to 1e-6 only. Shape (N, 3, 3)."""
+    u, _, vt = np.linalg.svd(rotation)
+    nearest: Array = u @ vt
+    return nearest
+
+
+def _device(device: str) -> torch.device:
+    """The torch device of that name.
+
+    Raises:
+        BadInput: torch does not have it.
+    """
+    try:
+        chosen = torch.device(device)
+        torch.zeros(1, device=chosen)
+    except (RuntimeError, AssertionError) as error:
+        raise BadInput(f"torch cannot use the device '{device}'; use cpu, or install with --cuda") from error
+    return chosen
