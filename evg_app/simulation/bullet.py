@@ -33,11 +33,14 @@ class Client:
         self.number = -1
 
 
-def connect(gui: bool = False, solver_iterations: int = 50) -> Client:
-    """A fresh physics client with gravity, the fixed step and nothing in it; `disconnect()` it when done."""
+def connect(gui: bool = False, solver_iterations: int = 50, ordered_pairs: bool = True) -> Client:
+    """A fresh physics client with gravity, the fixed step and nothing in it; `disconnect()` it when done.
+
+    `ordered_pairs` sorts contacts so that a long-lived client is reproducible; a client used once is so anyway.
+    """
     client = Client(gui)
     client.setPhysicsEngineParameter(fixedTimeStep=TIME_STEP, numSolverIterations=solver_iterations)
-    client.setPhysicsEngineParameter(deterministicOverlappingPairs=1)
+    client.setPhysicsEngineParameter(deterministicOverlappingPairs=int(ordered_pairs))
     client.setGravity(0, 0, -GRAVITY)
     return client
 

@@ -57,12 +57,13 @@ def _smooth_field(
         along_rows = _weights(height, nodes.shape[0]) @ nodes
         full: Array = along_rows @ _weights(width, nodes.shape[1]).T
         return full
-    return _bilinear(nodes, pixels, (height, width))
+    return _bilinear(nodes, pixels, (int(height), int(width)))
 
 
 def _coordinates(pixel: NDArray[np.int64], size: int, count: int) -> Array:
     """Where pixel centres fall among `count` nodes spread evenly over `size` pixels."""
-    return (pixel + 0.5) * (count / size) - 0.5
+    place: Array = (pixel.astype(np.float64) + 0.5) * (count / size) - 0.5
+    return place
 
 
 def _weights(size: int, count: int) -> Array:

@@ -286,7 +286,7 @@ def generate_scene_state(recipe: SceneRecipe, objects: Sequence[ObjectModel], se
         BadInput: no object fits the recipe's kind.
         SceneError: nothing at rest came out of several attempts.
     """
-    client = connect()
+    client = connect(solver_iterations=30, ordered_pairs=False)
     try:
         add_table(client, np.eye(4))
         placed = build_scene(client, recipe, objects, np.random.default_rng(seed), visible=False)
