@@ -45,9 +45,8 @@ class DeformableAttention(nn.Module):
         weights: Tensor = self.to_weights(c)
         mixed = sample_weighted(features, points[:, :, None] + delta, weights)
         values = mixed @ self.to_values.matrix().T
-        bias = self.to_values.bias()
-        if bias is not None:
-            values = values + weights.sum(-1, keepdim=True) * bias
+        if self.to_values.bias is not None:
+            values = values + weights.sum(-1, keepdim=True) * self.to_values.bias()
         out: Tensor = self.out(values)
         return c + out
 

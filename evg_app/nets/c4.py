@@ -28,16 +28,9 @@ def lift_index(out_reg: int, in_channels: int, window: tuple[int, ...]) -> Tenso
     return torch.stack(copies, 1).reshape(ORDER * out_reg, in_channels, *window)
 
 
-class RegularBias(nn.Module):
-    """One bias per regular copy, shared by its four orientations."""
-
-    def __init__(self, copies: int) -> None:
-        super().__init__()
-        self.value = nn.Parameter(torch.zeros(copies))
-
-    def forward(self) -> Tensor:
-        """Full bias (4 copies,)."""
-        return self.value.repeat_interleave(ORDER)
+def regular_bias(copies: int) -> ExpandedFilter:
+    """One bias per regular copy, shared by its four orientations, zero at first. Expands to (4 copies,)."""
+    return ExpandedFilter(copies, torch.arange(copies).repeat_interleave(ORDER), None, 0.0)
 
 
 class RegularConv2d(nn.Module):
@@ -48,7 +41,7 @@ class RegularConv2d(nn.Module):
         index = _regular_index(out_reg, in_reg, kernel)
         std = math.sqrt(gain / (ORDER * in_reg * kernel**2))
         self.filter = ExpandedFilter(out_reg * in_reg * ORDER * kernel**2, index, None, std)
-        self.bias = RegularBias(out_reg)
+        self.bias = regular_bias(out_reg)
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
@@ -64,7 +57,7 @@ class LiftConv2d(nn.Module):
         index = lift_index(out_reg, in_channels, (kernel, kernel))
         std = math.sqrt(2.0 / (in_channels * kernel**2))
         self.filter = ExpandedFilter(out_reg * in_channels * kernel**2, index, None, std)
-        self.bias = RegularBias(out_reg)
+        self.bias = regular_bias(out_reg)
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
@@ -90,21 +83,20 @@ class C4Linear(nn.Module):
         self.source, self.target = source, target
         index, sign, n_free = _linear_index(source, target)
         self.matrix = ExpandedFilter(n_free, index, sign, _linear_std(source, target, index, sign, n_free, gain))
-        self.bias_free = nn.Parameter(torch.zeros(target.reg + target.triv)) if bias else None
-
-    def bias(self) -> Tensor | None:
-        """Full bias (target.size,), zero on vectors; None if there is none."""
-        if self.bias_free is None:
-            return None
-        reg, triv = self.bias_free.split([self.target.reg, self.target.triv])
-        parts = [reg.repeat_interleave(ORDER), triv]
-        if self.target.vec:
-            parts.append(triv.new_zeros(2 * self.target.vec))
-        return torch.cat(parts)
+        self.bias = _linear_bias(target) if bias and target.reg + target.triv else None
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., source.size) -> (..., target.size)."""
-        return F.linear(x, self.matrix(), self.bias())
+        return F.linear(x, self.matrix(), None if self.bias is None else self.bias())
+
+
+def _linear_bias(target: Fibre) -> ExpandedFilter:
+    """One bias per regular copy and per invariant, none on vectors."""
+    regular = torch.arange(target.reg).repeat_interleave(ORDER)
+    rest = torch.arange(target.reg, target.reg + target.triv)
+    index = torch.cat([regular, rest, torch.zeros(2 * target.vec, dtype=torch.long)])
+    sign = (torch.arange(target.size) < target.offsets[2]).float() if target.vec else None
+    return ExpandedFilter(target.reg + target.triv, index, sign, 0.0)
 
 
 def _linear_index(source: Fibre, target: Fibre) -> tuple[Tensor, Tensor, int]:

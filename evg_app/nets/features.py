@@ -58,20 +58,26 @@ def sample_weighted(features: Features, points: Tensor, weights: Tensor | None) 
     _, batch, n, _, channels = features.planes.shape
     if points.ndim != 4 or points.shape[0] != batch or points.shape[-1] != 3:
         raise ValueError(f"points have shape {tuple(points.shape)}; expected ({batch}, Q, K, 3), one set per scene")
-    pixel = ((points + 0.5) * n - 0.5).clamp(0, n - 1)
+    # axes first, corners second: every elementwise step runs over long rows
+    pixel = ((points.movedim(-1, 0).contiguous() + 0.5) * n - 0.5).clamp(0, n - 1)
     low = pixel.detach().floor().clamp_(max=n - 2)
     high_part = pixel - low
-    parts = torch.stack([1.0 - high_part, high_part], -1)
-    weighted = parts if weights is None else parts * weights[..., None, None]
-    index = low.long()
-    scene = torch.arange(batch, device=points.device).view(batch, 1, 1)
-    corners = torch.tensor([0, 1, n, n + 1], device=points.device)
+    parts = torch.stack([1.0 - high_part, high_part], 1)
+    weighted = parts if weights is None else parts[:2] * weights
+    index = low.int()
+    scene = torch.arange(batch, device=points.device, dtype=torch.int32).view(batch, 1, 1) * (n * n)
+    corners = torch.tensor([0, 1, n, n + 1], device=points.device, dtype=torch.int32).view(4, 1, 1, 1)
     indices, factors = [], []
     for plane, (row, column) in enumerate(_AXES):
-        first = index[..., row] * n + index[..., column] + (plane * batch + scene) * n * n
-        indices.append((first[..., None] + corners).flatten(2))
-        factors.append((weighted[..., row, :, None] * parts[..., column, None, :]).flatten(2))
+        first = index[row] * n + index[column] + (scene + plane * batch * n * n)
+        indices.append(first + corners)
+        factors.append((weighted[row][:, None] * parts[column][None]).flatten(0, 1))
     table = features.planes.reshape(-1, channels)
-    xy = weighted_rows(table, indices[0], factors[0])
-    side = weighted_rows(table, torch.cat(indices[1:], -1), torch.cat(factors[1:], -1))
+    xy = weighted_rows(table, _per_query(indices[:1]), _per_query(factors[:1]))
+    side = weighted_rows(table, _per_query(indices[1:]), _per_query(factors[1:]))
     return torch.cat([xy, side], -1)
+
+
+def _per_query(corners: list[Tensor]) -> Tensor:
+    """Planes of corners (4, B, Q, K) to (B, Q, 4 K planes)."""
+    return torch.cat(corners).permute(1, 2, 3, 0).flatten(2)

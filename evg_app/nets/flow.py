@@ -59,7 +59,7 @@ class RotationFlow(nn.Module):
 
     def prepare(self, c: Tensor) -> list[Tensor]:
         """What the context adds to each block; does not depend on rotation or time."""
-        return self.trunk.prepare(F.relu(self.context(c)))
+        return self.trunk.prepare(F.relu_(self.context(c)))
 
     def velocity(self, prepared: list[Tensor], rotation: Tensor, t: Tensor) -> Tensor:
         """Velocity (..., 6) in row order at rotation (..., 6) and time t (...), broadcast over points."""

@@ -21,7 +21,7 @@ class ResidualBlock(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """(..., fibre.size) -> (..., fibre.size)."""
-        out: Tensor = self.second(F.relu(self.first(F.relu(x))))
+        out: Tensor = self.second(F.relu_(self.first(F.relu(x))))
         return x + out
 
 
@@ -68,5 +68,5 @@ class Head(nn.Module):
 
     def forward(self, c: Tensor) -> Tensor:
         """(..., source.size) -> (..., target.size)."""
-        out: Tensor = self.out(self.trunk(self.trunk.prepare(F.relu(self.context(c)))))
+        out: Tensor = self.out(self.trunk(self.trunk.prepare(F.relu_(self.context(c)))))
         return out

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
-from evg_app.nets.c4 import RegularBias, lift_index
+from evg_app.nets.c4 import lift_index, regular_bias
 from evg_app.nets.expanded import ExpandedFilter
 
 _SLICES = 8
@@ -25,7 +25,7 @@ class LiftAndProject(nn.Module):
         super().__init__()
         index = lift_index(out_reg, 1, (3, 3, 3))
         self.filter = ExpandedFilter(out_reg * 27, index, None, (2.0 / 27) ** 0.5)
-        self.bias = RegularBias(out_reg)
+        self.bias = regular_bias(out_reg)
 
     def forward(self, grid: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """(B, 1, X, Y, Z) -> planes xy (B, C, X, Y), xz (B, C, X, Z), yz (B, C, Y, Z), channels last in memory."""

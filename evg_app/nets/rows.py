@@ -14,7 +14,7 @@ from torch.autograd.function import once_differentiable
 
 
 def weighted_rows(table: Tensor, index: Tensor, factor: Tensor) -> Tensor:
-    """sum_k factor[..., k] * table[index[..., k]]. (V, C), (..., K), (..., K) -> (..., C)."""
+    """sum_k factor[..., k] * table[index[..., k]]. (V, C), int32 (..., K), (..., K) -> (..., C)."""
     flat = (index.shape[:-1].numel(), index.shape[-1])
     out: Tensor = _WeightedRows.apply(table, index.reshape(flat), factor.reshape(flat))
     return out.view(*index.shape[:-1], table.shape[1])
@@ -43,11 +43,12 @@ class _WeightedRows(torch.autograd.Function):
 
 def _table_gradient(rows: int, index: Tensor, factor: Tensor, outgoing: Tensor) -> Tensor:
     """Per table row the sum of factor * outgoing over the entries that read it."""
-    flat = index.reshape(-1).to(torch.int32)
-    ordered, order = flat.sort()
-    starts = torch.searchsorted(ordered, torch.arange(rows, dtype=torch.int32, device=flat.device))
-    bags = order // index.shape[1]
-    return F.embedding_bag(bags, outgoing, starts, per_sample_weights=factor.reshape(-1)[order], mode="sum")
+    flat = index.reshape(-1)
+    order = flat.sort().indices
+    counts = flat.bincount(minlength=rows)
+    starts = (counts.cumsum(0) - counts).to(torch.int32)
+    bag_of = torch.arange(index.shape[0], dtype=torch.int32, device=index.device).repeat_interleave(index.shape[1])
+    return F.embedding_bag(bag_of[order], outgoing, starts, per_sample_weights=factor.reshape(-1)[order], mode="sum")
 
 
 def _factor_gradient(table: Tensor, index: Tensor, factor: Tensor, outgoing: Tensor) -> Tensor:

@@ -19,7 +19,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from evg_app.nets.c4 import C4Linear, RegularConv2d
+from evg_app.nets.c4 import C4Linear, RegularConv2d, regular_bias
 from evg_app.nets.features import Features
 from evg_app.nets.fibres import ORDER, Fibre
 from evg_app.nets.heads import RESIDUAL_START
@@ -77,7 +77,8 @@ class SideToPlane(nn.Module):
 
     def __init__(self, reg: int, channels: int) -> None:
         super().__init__()
-        self.linear = C4Linear(Fibre(reg=reg, triv=channels), Fibre(reg=reg))
+        self.linear = C4Linear(Fibre(reg=reg, triv=channels), Fibre(reg=reg), bias=False)
+        self.bias = regular_bias(reg)
         self.regular = ORDER * reg
 
     def forward(self, xy: Tensor, ax: Tensor, ay: Tensor) -> Tensor:
@@ -85,7 +86,7 @@ class SideToPlane(nn.Module):
         matrix = self.linear.matrix()
         regular, invariant = matrix[:, : self.regular], matrix[:, self.regular :]
         weight = regular[..., None, None].contiguous(memory_format=torch.channels_last)
-        out = F.conv2d(xy, weight, self.linear.bias())
+        out = F.conv2d(xy, weight, self.bias())
         return out + (invariant @ ax)[..., None] + (invariant @ ay)[..., None, :]
 
 
