@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
+from evg_app.perception import self_filter
 from evg_app.perception.health import depth_health
 from evg_app.perception.projection import points_in
-from evg_app.perception.self_filter import Capsule, remove_links
 from evg_app.perception.tsdf import fuse
 from evg_app.perception.volume import fuse_volume
 from evg_app.picking.context import View
-from evg_app.types import Frame
+from evg_app.types import Capsule, Frame
 
 EDGE = 0.02
 """Points closer than this to a side of the workspace do not count as seen objects [m] (spec §6.1)."""
@@ -51,8 +51,9 @@ class TablePerception:
     def clean(self, frame: Frame, q: Array) -> Frame:
         """The frame without the arm's own links."""
         T_cam_base = invert(self.T_base_cam(q))
-        depth, _ = remove_links(
-            frame.depth, frame.intrinsics, T_cam_base, self._links(q), depth_scale=frame.depth_scale
+        links = [self_filter.Capsule(link.p0, link.p1, link.radius) for link in self._links(q)]
+        depth, _ = self_filter.remove_links(
+            frame.depth, frame.intrinsics, T_cam_base, links, depth_scale=frame.depth_scale
         )
         return replace(frame, depth=depth.astype(np.uint16, copy=False))
 

@@ -1,0 +1,122 @@
+"""The arrays of one attempt: everything replay needs, in one compressed file that is there whole or not at all."""
+
+import io
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged
+from evg_app.types import Grasps, Trajectory
+
+
+@dataclass
+class Gathered:
+    """What the events of one pass brought so far."""
+
+    frame: FrameTaken | None = None
+    fused: Fused | None = None
+    grasps: Grasps = field(default_factory=Grasps.empty)
+    judged: Judged | None = None
+
+    def take(self, event: Event) -> None:
+        """Keep what this event brings, if anything."""
+        if isinstance(event, FrameTaken):
+            self.frame = event
+        elif isinstance(event, Fused):
+            self.fused = event
+        elif isinstance(event, GraspsPlanned):
+            self.grasps = event.grasps
+        elif isinstance(event, Judged):
+            self.judged = event
+
+    def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
+        """By name, as they are written."""
+        return {**self._seen(), **self._proposed(), **self._moved()}
+
+    def _seen(self) -> dict[str, np.ndarray[Any, Any]]:
+        out: dict[str, np.ndarray[Any, Any]] = {}
+        if self.frame is not None:
+            frame, i = self.frame.frame, self.frame.frame.intrinsics
+            out = {
+                "depth": frame.depth,
+                "depth_scale": np.float64(frame.depth_scale) * np.ones(()),
+                "stamp": np.float64(frame.stamp) * np.ones(()),
+                "image_size": np.array([i.width, i.height]),
+                "focal_centre": np.array([i.fx, i.fy, i.cx, i.cy]),
+                "distortion": np.array(i.distortion, dtype=np.float64),
+                "T_base_cam": self.frame.T_base_cam,
+                "T_base_task": self.frame.T_base_task,
+                "q": self.frame.q,
+            }
+            if frame.color is not None:
+                out["color"] = frame.color
+        if self.fused is not None:
+            out |= {"tsdf": self.fused.grid.values, "observed": self.fused.grid.observed}
+        return out
+
+    def _proposed(self) -> dict[str, np.ndarray[Any, Any]]:
+        verdicts = [] if self.judged is None else [str(verdict.value) for verdict in self.judged.verdicts]
+        return {
+            "T_task_grasp": self.grasps.T_task_grasp,
+            "width": self.grasps.width,
+            "score": self.grasps.score,
+            "verdict": np.array(verdicts, dtype="U32"),
+        }
+
+    def _moved(self) -> dict[str, np.ndarray[Any, Any]]:
+        if self.judged is None or self.judged.chosen is None or self.judged.T_base_grasp is None:
+            return {"chosen": np.array(-1)}
+        out = {
+            "chosen": np.array(self.judged.chosen),
+            "flipped": np.array(self.judged.flipped),
+            "T_base_grasp": self.judged.T_base_grasp,
+        }
+        for name, path in self.judged.trajectories.items():
+            out |= _trajectory(name, path)
+        return out
+
+
+def _trajectory(name: str, path: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
+    return {
+        f"{name}.q": path.q,
+        f"{name}.dq": path.dq,
+        f"{name}.ddq": path.ddq,
+        f"{name}.dt": np.array(path.dt),
+        f"{name}.joint_names": np.array(path.joint_names),
+    }
+
+
+def write(path: Path, gathered: Gathered) -> None:
+    """Write atomically: the bytes are on the disk before the name appears.
+
+    Raises:
+        OSError: they cannot be written.
+    """
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **gathered.arrays())  # type: ignore[arg-type]
+    write_atomically(path, buffer.getvalue())
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write `data` so that `path` is never half a file."""
+    part = path.with_name(path.name + ".part")
+    with part.open("wb") as stream:
+        stream.write(data)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(path)
+
+
+def read(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """The arrays of one attempt, by name. Nothing is unpickled."""
+    with np.load(path, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file atomically."""
+    write_atomically(path, (json.dumps(value, indent=2, default=str) + "\n").encode("utf-8"))

@@ -1,0 +1,78 @@
+"""The tables of `trials.sqlite`, and how they are opened."""
+
+import sqlite3
+from pathlib import Path
+
+from evg_app.errors import BadInput
+
+SCHEMA_VERSION = 1
+"""Written to `PRAGMA user_version`; a reader refuses a newer one."""
+
+DATABASE = "trials.sqlite"
+"""Name of the database in a run folder."""
+
+TABLES = """
+CREATE TABLE runs (
+    run_id TEXT PRIMARY KEY, started_at TEXT NOT NULL, finished_at TEXT, status TEXT, detail TEXT,
+    seeds TEXT NOT NULL, rounds INTEGER NOT NULL, model TEXT NOT NULL, weights_sha256 TEXT NOT NULL,
+    config TEXT NOT NULL, config_sha256 TEXT NOT NULL, provenance TEXT NOT NULL
+);
+CREATE TABLE rounds (
+    run_id TEXT NOT NULL REFERENCES runs, seed INTEGER NOT NULL, round_index INTEGER NOT NULL,
+    objects INTEGER, stop_reason TEXT, detail TEXT,
+    PRIMARY KEY (run_id, seed, round_index)
+);
+CREATE TABLE attempts (
+    attempt_id TEXT PRIMARY KEY, run_id TEXT NOT NULL REFERENCES runs,
+    seed INTEGER NOT NULL, round_index INTEGER NOT NULL, attempt_index INTEGER NOT NULL,
+    planner_seed INTEGER NOT NULL, outcome TEXT, counts INTEGER, verified INTEGER, truth INTEGER, failure TEXT,
+    evidence TEXT, motion_s REAL, compute_ms REAL, candidates INTEGER, chosen INTEGER, flipped INTEGER,
+    score REAL, width_m REAL, arrays TEXT
+);
+CREATE TABLE stages (attempt_id TEXT NOT NULL REFERENCES attempts, stage TEXT NOT NULL, wall_ms REAL NOT NULL);
+CREATE TABLE verdicts (
+    attempt_id TEXT NOT NULL REFERENCES attempts, verdict TEXT NOT NULL, candidates INTEGER NOT NULL,
+    PRIMARY KEY (attempt_id, verdict)
+);
+CREATE TABLE events (
+    run_id TEXT NOT NULL REFERENCES runs, number INTEGER NOT NULL, attempt_id TEXT, kind TEXT NOT NULL,
+    at TEXT NOT NULL, data TEXT NOT NULL, PRIMARY KEY (run_id, number)
+);
+"""
+"""Units are in the names; `counts` is 1 for passes that are attempts; JSON in the text columns named so in docs."""
+
+
+def create(folder: Path) -> sqlite3.Connection:
+    """A new, empty database; every commit reaches the disk (WAL, synchronous FULL).
+
+    Raises:
+        sqlite3.Error: it cannot be written.
+    """
+    db = sqlite3.connect(folder / DATABASE, isolation_level=None)
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("PRAGMA synchronous = FULL")
+    db.executescript(TABLES)
+    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+    return db
+
+
+def open_existing(folder: Path) -> sqlite3.Connection:
+    """The database of a run, for reading.
+
+    Raises:
+        BadInput: there is none, it is not ours, or it is newer than this program.
+    """
+    path = folder / DATABASE
+    if not path.is_file():
+        raise BadInput(f"{folder} holds no trial log ({DATABASE}). Run: evg-app run --sim --run-dir DIR")
+    try:
+        db = sqlite3.connect(path)
+        db.execute("PRAGMA query_only = ON")
+        version = int(db.execute("PRAGMA user_version").fetchone()[0])
+    except sqlite3.Error as error:
+        raise BadInput(f"{path} is not a trial log: {error}") from error
+    if not 1 <= version <= SCHEMA_VERSION:
+        db.close()
+        raise BadInput(f"{path} has schema version {version}; this evg-app reads 1 to {SCHEMA_VERSION}. Update it")
+    db.row_factory = sqlite3.Row
+    return db
