@@ -1,0 +1,42 @@
+"""Planners by name."""
+
+from pathlib import Path
+
+from evg_app.errors import BadInput, UnknownName
+from evg_app.grasping.antipodal import AntipodalPlanner
+from evg_app.grasping.planner import GraspPlanner, PlannerConfig
+from evg_app.grasping.protocol import Planner
+from evg_app.grasping.random import RandomPlanner
+
+LEARNED = ("equiigd", "equigiga")
+"""Models that need weights."""
+MODELS = (*LEARNED, "antipodal", "random")
+"""Names that `load_planner` knows."""
+
+
+def load_planner(
+    model: str = "equiigd",
+    weights: str | Path | None = None,
+    device: str = "cpu",
+    config: PlannerConfig | None = None,
+) -> Planner:
+    """The planner of that name.
+
+    Args:
+        model: one of `MODELS`.
+        weights: a shipped name or a `.safetensors` path; None for the shipped weights of the model's name.
+        device: where torch runs.
+        config: how the learned planners search.
+
+    Raises:
+        UnknownName: no such model.
+        WeightsError: weights missing, corrupt, or of another model.
+        BadInput: weights given to a planner that has none, or an unusable device.
+    """
+    if model in LEARNED:
+        return GraspPlanner.load(model, weights, device, config)
+    if model not in MODELS:
+        raise UnknownName("model", model, list(MODELS))
+    if weights is not None:
+        raise BadInput(f"the model '{model}' takes no weights, but got '{weights}'; leave out --weights")
+    return AntipodalPlanner() if model == "antipodal" else RandomPlanner()
