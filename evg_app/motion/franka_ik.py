@@ -74,7 +74,9 @@ def solve(geometry: FrankaGeometry, T_base_hand: Array, q7: Array) -> Array:
             q[:, i, j, :, 3] = q4[:, None]
             q[:, i, j, :, 5] = q6[:, None]
             z5 = axes6[:, :, 0] * np.sin(q6)[:, None] + axes6[:, :, 1] * np.cos(q6)[:, None]
-            x4 = (u - along_forearm[:, None] * z5) / np.where(np.abs(across_forearm) > _EPS, across_forearm, np.nan)[:, None]
+            x4 = (u - along_forearm[:, None] * z5) / np.where(np.abs(across_forearm) > _EPS, across_forearm, np.nan)[
+                :, None
+            ]
             z4 = np.cross(x4, z5)
             x5 = axes6[:, :, 0] * np.cos(q6)[:, None] - axes6[:, :, 1] * np.sin(q6)[:, None]
             q[:, i, j, :, 4] = np.arctan2(-_dot(x5, z4), _dot(x5, x4))[:, None]

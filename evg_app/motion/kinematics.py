@@ -111,6 +111,12 @@ class Kinematics:
         inside: Array = ((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)).all(axis=-1)
         return inside
 
+    def possible(self, q: Array) -> Array:
+        """Whether configurations (..., 7) are inside the URDF's joint limits, without margin. Shape (...)."""
+        margin = self.robot.limits.position_margin_rad
+        inside: Array = ((q >= self.lower - margin) & (q <= self.upper + margin)).all(axis=-1)
+        return inside
+
     def wrap(self, q: Array) -> Array:
         """Angles turned by multiples of 2 pi to be nearest to the middle of their joint's range. Shape (..., 7)."""
         wrapped: Array = q - 2 * np.pi * np.round((q - self.middle) / (2 * np.pi))
@@ -185,7 +191,9 @@ def _franka_geometry(model: Any, robot: RobotConfig) -> FrankaGeometry:
         geometry = FrankaGeometry(*map(float, lengths), np.asarray(hand.placement.homogeneous))
         if np.abs(np.stack(T) - geometry.placements()).max() < GEOMETRY_TOLERANCE and hand.parentJoint == 7:
             return geometry
-    raise BadInput(f"{robot.urdf} is not an arm with the joint geometry of a Franka Panda or FR3; no other is supported")
+    raise BadInput(
+        f"{robot.urdf} is not an arm with the joint geometry of a Franka Panda or FR3; no other is supported"
+    )
 
 
 Primitive = tuple[str, int, Array, Array, float]

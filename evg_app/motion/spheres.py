@@ -5,16 +5,25 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
+from scipy.spatial.distance import cdist
 
+from evg_app.errors import BadInput
 from evg_app.geometry import Array
 
-SLACK = 0.010
+SLACK = 0.015
 """How far a sphere may stick out of its link [m]."""
-SAMPLE = 0.008
+GRIPPER_SLACK = 0.011
+"""The same for the hand and the fingers [m]."""
+SAMPLE = 0.012
 """Largest spacing of the surface samples that must be covered [m]."""
 MARGIN = 0.003
 """Samples count as covered only this deep inside a sphere [m]: the surface between samples."""
+
+
+CORNERS: Array = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), dtype=np.float64).reshape(3, -1).T
+"""Corners of the cube of side 2. Shape (8, 3)."""
 
 
 @dataclass(frozen=True)
@@ -29,22 +38,40 @@ class SphereBody:
         names: the link of each sphere.
     """
 
-    frame: Array
+    frame: NDArray[np.int64]
     center: Array
     radius: Array
-    gripper: Array
+    gripper: NDArray[np.bool_]
     names: tuple[str, ...]
 
     def place(self, frames: Array) -> Array:
         """Sphere centres in the base frame. Shapes (N, 8, 4, 4) -> (N, S, 3) [m]."""
-        T = frames[:, self.frame]
-        placed: Array = np.einsum("nsij,sj->nsi", T[..., :3, :3], self.center) + T[..., :3, 3]
+        placed = np.empty((len(frames), len(self.radius), 3))
+        for j, part in self._parts:
+            placed[:, part] = self.center[part] @ frames[:, j, :3, :3].transpose(0, 2, 1) + frames[:, j, None, :3, 3]
         return placed
+
+    @property
+    def _parts(self) -> list[tuple[int, slice]]:
+        """Frames in use, and their run of spheres (`frame` ascends)."""
+        used, start = np.unique(self.frame, return_index=True)
+        ends = [*start[1:].tolist(), len(self.frame)]
+        return [(int(j), slice(int(a), int(b))) for j, a, b in zip(used, start, ends, strict=True)]
 
 
 def link_points(item: Any) -> Array:
-    """Vertices of a collision mesh (Pinocchio geometry object) in its joint's frame [m]. Shape (V, 3)."""
-    vertices = np.asarray(item.geometry.vertices()) * np.asarray(item.meshScale)
+    """Points whose convex hull is a collision geometry, in its joint's frame [m]. Shape (V, 3).
+
+    Raises:
+        BadInput: it is neither a mesh nor a box.
+    """
+    if hasattr(item.geometry, "halfSide"):
+        vertices = CORNERS * np.asarray(item.geometry.halfSide)
+    elif hasattr(item.geometry, "vertices"):
+        vertices = np.asarray(item.geometry.vertices()) * np.asarray(item.meshScale)
+    else:
+        kind = type(item.geometry).__name__
+        raise BadInput(f"collision geometry of '{item.name}' is a {kind}; use meshes or boxes in the robot's URDF")
     placement = item.placement
     points: Array = vertices @ np.asarray(placement.rotation).T + np.asarray(placement.translation)
     return points
@@ -69,14 +96,16 @@ def cover(points: Array, slack: float = SLACK) -> tuple[Array, Array]:
     """
     samples = surface_samples(points)
     centers, radii = _candidates(points, slack)
-    square = ((samples[None] - centers[:, None]) ** 2).sum(axis=2)
-    covers = square <= ((radii - MARGIN) ** 2)[:, None]
+    covers = cdist(centers, samples) <= (radii - MARGIN)[:, None]
     bare = covers.any(axis=0)
+    gain = covers.sum(axis=1)
     chosen: list[int] = []
     while bare.any():
-        best = int(np.argmax(covers[:, bare].sum(axis=1)))
+        best = int(np.argmax(gain))
         chosen.append(best)
-        bare &= ~covers[best]
+        new = covers[best] & bare
+        gain -= covers[:, new].sum(axis=1)
+        bare &= ~new
     return centers[chosen], radii[chosen]
 
 
@@ -84,7 +113,7 @@ def _candidates(points: Array, slack: float) -> tuple[Array, Array]:
     """Interior grid points of the convex hull, and the radius each may have."""
     equations = ConvexHull(points).equations
     low, high = points.min(axis=0), points.max(axis=0)
-    step = np.clip((high - low).max() / 24, 0.003, 0.012)
+    step = np.clip((high - low).min() / 6, 0.002, 0.012)
     axes = [np.arange(a + step / 4, b, step) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     depth = -(grid @ equations[:, :3].T + equations[:, 3]).max(axis=1)
@@ -100,13 +129,21 @@ def arm_spheres(meshes: Any, gripper_links: tuple[str, ...]) -> SphereBody:
         gripper_links: names of the hand and finger links.
     """
     frames, centers, radii, names = [], [], [], []
-    for item in meshes.geometryObjects:
-        if int(item.parentJoint) == 0:
-            continue
-        center, radius = cover(link_points(item))
+    for (frame, name), points in _points_by_link(meshes).items():
+        center, radius = cover(points, GRIPPER_SLACK if name in gripper_links else SLACK)
         centers.append(center)
         radii.append(radius)
-        frames.append(np.full(len(radius), int(item.parentJoint)))
-        names += [item.name.rsplit("_", 1)[0]] * len(radius)
+        frames.append(np.full(len(radius), frame))
+        names += [name] * len(radius)
     gripper = np.array([name in gripper_links for name in names])
     return SphereBody(np.concatenate(frames), np.concatenate(centers), np.concatenate(radii), gripper, tuple(names))
+
+
+def _points_by_link(meshes: Any) -> dict[tuple[int, str], Array]:
+    """Hull points of every moving link, in order of the frame it moves with."""
+    points: dict[tuple[int, str], Array] = {}
+    for item in sorted(meshes.geometryObjects, key=lambda g: int(g.parentJoint)):
+        key = (int(item.parentJoint), str(item.name).rsplit("_", 1)[0])
+        if key[0] > 0:
+            points[key] = np.concatenate([points.get(key, np.zeros((0, 3))), link_points(item)])
+    return points

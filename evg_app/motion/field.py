@@ -1,0 +1,64 @@
+"""Distance to the nearest occupied voxel, precomputed: one lookup per sphere."""
+
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from evg_app.geometry import Array
+from evg_app.types import CollisionVolume
+
+FAR = 10.0
+"""Distance that stands for "nothing is occupied" [m]."""
+PADDING = 8
+"""Voxels around the occupied ones that the field is exact in; further out it is a lower bound."""
+
+
+class DistanceField:
+    """Distance [m] to the nearest occupied voxel's centre; a lower bound outside the volume.
+
+    Unknown space counts as free (the optimistic policy).
+    """
+
+    def __init__(self, occupied: NDArray[np.bool_], origin: Array, voxel_size: float) -> None:
+        """Transform bool (X, Y, Z) whose voxel (0, 0, 0) has its corner at `origin` [m] in the base frame."""
+        self._voxel = voxel_size
+        part, first = _cropped(occupied)
+        self._origin = np.asarray(origin, dtype=np.float64) + first * voxel_size
+        self._top = np.array(part.shape) - 1
+        if part.any():
+            self._distance = (ndimage.distance_transform_edt(~part) * voxel_size).astype(np.float32)
+        else:
+            self._distance = np.full(part.shape, FAR, dtype=np.float32)
+
+    @classmethod
+    def of(cls, volume: CollisionVolume) -> Self:
+        """The field of a volume's occupied voxels."""
+        return cls(volume.occupied, volume.origin, volume.voxel_size)
+
+    def at(self, points: Array) -> Array:
+        """Distances [m] of points (..., 3) [m, base frame]. Shape (...)."""
+        grid = (points - self._origin) / self._voxel - 0.5
+        index = np.clip(np.rint(grid), 0, self._top).astype(np.intp)
+        inside = self._distance[index[..., 0], index[..., 1], index[..., 2]].astype(np.float64)
+        beyond = grid - np.clip(grid, 0, self._top)
+        square = (beyond * beyond).sum(axis=-1) * self._voxel**2
+        far: Array = np.sqrt(inside * inside + square) if square.any() else inside
+        return far
+
+
+def _cropped(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """The part that holds every occupied voxel, `PADDING` more on each side, and its first index."""
+    low, high = [], []
+    for axis in range(3):
+        used = np.flatnonzero(occupied.any(axis=tuple({0, 1, 2} - {axis})))
+        low.append(max(int(used[0]) - PADDING, 0) if len(used) else 0)
+        high.append(min(int(used[-1]) + PADDING + 1, occupied.shape[axis]) if len(used) else 1)
+    return occupied[tuple(slice(a, b) for a, b in zip(low, high, strict=True))], np.array(low)
+
+
+def occupied_centers(volume: CollisionVolume) -> Array:
+    """Centres of the occupied voxels in the base frame [m]. Shape (P, 3)."""
+    centers: Array = volume.origin + (np.argwhere(volume.occupied) + 0.5) * volume.voxel_size
+    return centers

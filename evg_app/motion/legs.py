@@ -1,0 +1,141 @@
+"""The straight parts of a pick: joint configurations for approach and lift, over the arm's redundancy and both flips."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evg_app.config.models import RobotConfig
+from evg_app.geometry import T_GRASP_FLIPPED, Array
+from evg_app.motion.collision import ArmChecker
+from evg_app.motion.kinematics import hand_of_grasp
+from evg_app.motion.path import JointPath, bezier_lift, through
+from evg_app.motion.scene import Scene
+from evg_app.types import Verdict
+
+CARTESIAN_STEP = 0.005
+"""Distance between inverse kinematics along a straight leg [m]."""
+MAX_JUMP = 0.15
+"""Largest joint step between two of them [rad]; more is a jump to another solution or a singularity."""
+BACK_OFF = 0.05
+"""How far a steep grasp backs off along its approach before it goes straight up [m]."""
+STEEP = 0.5
+"""Grasps whose approach is within 60 degrees of straight down are steep: cosine of that angle."""
+MAX_CANDIDATES = 12
+"""Configurations of one grasp that are looked at."""
+Q7_APART = 0.25
+"""Candidates of the same branch differ at least this much in q7 [rad]."""
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One way to execute a grasp: pre-grasp to grasp, and grasp to lifted.
+
+    Attributes:
+        T_base_grasp: flip included. Shape (4, 4).
+        flipped: whether it is the antipodal twin.
+        approach, lift: joint paths.
+        cost: as `Kinematics.cost` [s].
+    """
+
+    T_base_grasp: Array
+    flipped: bool
+    approach: JointPath
+    lift: JointPath
+    cost: float
+
+
+@dataclass(frozen=True)
+class _Candidates:
+    """Configurations at the grasp: q (K, 7), branch, flip and cost (K,)."""
+
+    q: Array
+    branch: Array
+    flip: Array
+    cost: Array
+
+
+def approach_poses(robot: RobotConfig, T_base_grasp: Array) -> Array:
+    """Grasp poses from the pre-grasp to the grasp along the approach. Shape (K, 4, 4)."""
+    count = int(np.ceil(robot.pregrasp_m / CARTESIAN_STEP)) + 1
+    poses = np.tile(T_base_grasp, (count, 1, 1))
+    poses[:, :3, 3] -= np.linspace(robot.pregrasp_m, 0.0, count)[:, None] * T_base_grasp[:3, 2]
+    return poses
+
+
+def lift_poses(robot: RobotConfig, T_base_grasp: Array) -> Array:
+    """Grasp poses from the grasp to the lifted pose; a steep grasp first backs off along its approach. (K, 4, 4)."""
+    approach = T_base_grasp[:3, 2]
+    back_off = BACK_OFF if -approach[2] > STEEP else 0.0
+    count = int(np.ceil((robot.lift_m + back_off) / CARTESIAN_STEP)) + 1
+    poses = np.tile(T_base_grasp, (count, 1, 1))
+    poses[:, :3, 3] = bezier_lift(T_base_grasp[:3, 3], approach, robot.lift_m, back_off, count)
+    return poses
+
+
+def find_legs(
+    robot: RobotConfig, checker: ArmChecker, scene: Scene, T_base_grasp: Array, q_reference: Array
+) -> list[Leg] | Verdict:
+    """All straight executions of a grasp whose arm is free of collision, cheapest first, or the reason for none.
+
+    The gripper itself on these legs is not checked here (see `gripper.py`).
+    """
+    candidates = _at_grasp(robot, checker, T_base_grasp, q_reference)
+    if isinstance(candidates, Verdict):
+        return candidates
+    free = [k for k in range(len(candidates.q)) if not checker.self_collision.collides(candidates.q[k])]
+    if not free:
+        return Verdict.SELF_COLLISION
+    candidates = _only(candidates, np.array(free))
+    clear = ~checker.hits_scene(candidates.q, scene, gripper=False)
+    if not clear.any():
+        return Verdict.ARM_COLLISION
+    legs = _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)))
+    return legs
+
+
+def _only(c: _Candidates, rows: Array) -> _Candidates:
+    return _Candidates(c.q[rows], c.branch[rows], c.flip[rows], c.cost[rows])
+
+
+def _flipped(T_base_grasp: Array) -> tuple[Array, Array]:
+    return T_base_grasp, T_base_grasp @ T_GRASP_FLIPPED
+
+
+def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array) -> _Candidates | Verdict:
+    """A diverse choice of the solutions of both flips, cheapest first."""
+    found = [checker.kinematics.search(hand_of_grasp(robot, T), reference) for T in _flipped(T_base_grasp)]
+    if not any(len(f.q) for f in found):
+        return Verdict.JOINT_LIMIT if any(f.any_without_limits for f in found) else Verdict.IK
+    q, branch = np.concatenate([f.q for f in found]), np.concatenate([f.branch for f in found])
+    flip = np.repeat([0, 1], [len(f.q) for f in found])
+    cost = np.concatenate([f.cost for f in found])
+    chosen: list[int] = []
+    for k in np.argsort(cost, kind="stable"):
+        same = [c for c in chosen if branch[c] == branch[k] and flip[c] == flip[k]]
+        if all(abs(q[c, 6] - q[k, 6]) > Q7_APART for c in same):
+            chosen.append(int(k))
+        if len(chosen) == MAX_CANDIDATES:
+            break
+    return _only(_Candidates(q, branch, flip, cost), np.array(chosen))
+
+
+def _straight(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: _Candidates) -> list[Leg] | Verdict:
+    """Follow approach and lift with each candidate; those that stay solvable, smooth and inside the limits."""
+    legs: list[Leg] = []
+    reason = Verdict.IK
+    for flip, T in enumerate(_flipped(T_base_grasp)):
+        rows = np.flatnonzero(c.flip == flip)
+        if len(rows) == 0:
+            continue
+        approach, lift = approach_poses(robot, T), lift_poses(robot, T)
+        poses = hand_of_grasp(robot, np.concatenate([approach, lift]))
+        q = checker.kinematics.follow(poses, c.q[rows, 6], c.branch[rows])
+        solved = np.isfinite(q).all(axis=(1, 2))
+        inside = checker.kinematics.inside_limits(q).all(axis=1)
+        jump = np.abs(np.diff(q, axis=1)).max(axis=(1, 2))
+        if (solved & ~inside).any():
+            reason = Verdict.JOINT_LIMIT
+        for k in np.flatnonzero(solved & inside & (jump < MAX_JUMP)):
+            n = len(approach)
+            legs.append(Leg(T, bool(flip), through(q[k, :n]), through(q[k, n:]), float(c.cost[rows[k]])))
+    return sorted(legs, key=lambda leg: leg.cost) or reason

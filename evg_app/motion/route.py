@@ -1,0 +1,116 @@
+"""Free joint-space motion: straight, over a raised via-point, or by RRT-Connect; always checked densely."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from evg_app.geometry import Array
+from evg_app.motion.collision import ArmChecker
+from evg_app.motion.path import JointPath, blended, line
+from evg_app.motion.rrt import rrt_connect
+from evg_app.motion.scene import Scene
+
+CHECK_STEP = 0.01
+"""No point of the arm moves further than this between two checks [m]."""
+COARSE = 16
+"""Checks of the first, coarse pass."""
+RAISE = 0.15
+"""Height of the via-points above start and goal [m]."""
+INTERVALS = (8, 16, 32, 64)
+"""B-spline intervals tried on a path with corners; more stay closer to the checked polyline."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a path is checked against.
+
+    Attributes:
+        scene: prepared scene.
+        gripper: whether hand and fingers count.
+        radius: of each sphere [m]: smaller than its own for spheres that touch something at the very start, which
+            may leave but not come closer. Shape (S,).
+    """
+
+    scene: Scene
+    gripper: bool
+    radius: Array
+
+
+class Router:
+    """Finds and checks joint paths. Pure: equal inputs give equal paths."""
+
+    def __init__(self, checker: ArmChecker, via: tuple[Array, ...] = ()) -> None:
+        """`via` are known good configurations (J,) to go through when the straight path is blocked."""
+        self.checker, self.via = checker, via
+
+    def check(self, scene: Scene, q_start: Array, gripper: bool = True) -> Check:
+        """A check that lets the arm leave where it is."""
+        clearance = self.checker.clearance(self.checker.centers(q_start[None]), scene)[0]
+        radius = np.minimum(self.checker.body.radius, np.maximum(clearance - 1e-3, 0.0))
+        return Check(scene, gripper, radius)
+
+    def strict(self, scene: Scene, gripper: bool = True) -> Check:
+        """A check with the spheres' own radii."""
+        return Check(scene, gripper, self.checker.body.radius)
+
+    def is_free(self, path: JointPath, check: Check) -> bool:
+        """Whether the whole path is inside the joint limits and free of collision at `CHECK_STEP` spacing."""
+        q = path.even(COARSE)
+        centers = self.checker.centers(q)
+        if not self._free(q, centers, check):
+            return False
+        step = float(np.linalg.norm(np.diff(centers, axis=0), axis=2).max())
+        finer = int(np.ceil(step / CHECK_STEP))
+        if finer <= 1:
+            return True
+        q = path.even((COARSE - 1) * finer + 1)
+        return self._free(q, self.checker.centers(q), check)
+
+    def _free(self, q: Array, centers: Array, check: Check) -> bool:
+        if not self.checker.kinematics.possible(q).all():
+            return False
+        if self.checker.centers_hit(centers, check.scene, check.gripper, check.radius).any():
+            return False
+        return not self.checker.self_collision.any_collides(q)
+
+    def connect(self, a: Array, b: Array, scene: Scene, search: bool = True) -> JointPath | None:
+        """A free path from a to b (J,), or None; `search` allows the tree search when nothing simpler works."""
+        check = self.check(scene, a)
+        straight = line(a, b)
+        if self.is_free(straight, check):
+            return straight
+        if not self.is_free(line(b, b), check):
+            return None
+        for waypoints in self._candidates(a, b, check, search):
+            for intervals in INTERVALS:
+                path = blended(waypoints, intervals)
+                if self.is_free(path, check):
+                    return path
+        return None
+
+    def _candidates(self, a: Array, b: Array, check: Check, search: bool) -> Iterator[Array]:
+        def edge_free(p: Array, q: Array) -> bool:
+            return self.is_free(line(p, q), check)
+
+        up_a, up_b = self._raised(a), self._raised(b)
+        ups: list[list[Array]] = [[up] for up in (up_b, up_a) if up is not None]
+        if up_a is not None and up_b is not None:
+            ups.append([up_a, up_b])
+        for middle in ups + [[via] for via in self.via]:
+            waypoints = [a, *middle, b]
+            if all(edge_free(p, q) for p, q in zip(waypoints[:-1], waypoints[1:], strict=True)):
+                yield np.stack(waypoints)
+        if not search:
+            return
+        kinematics = self.checker.kinematics
+        found = rrt_connect(a, b, kinematics.lower, kinematics.upper, edge_free)
+        if found is not None:
+            yield found
+
+    def _raised(self, q: Array) -> Array | None:
+        """The configuration nearest to q whose hand is `RAISE` higher, with the same q7."""
+        T = self.checker.kinematics.fk_hand(q)
+        T[2, 3] += RAISE
+        found = self.checker.kinematics.search(T, q, q[6:7]).q
+        return found[0] if len(found) else None

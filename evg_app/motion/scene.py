@@ -1,0 +1,149 @@
+"""The scene as the planner sees it: surface points, a distance field, declared boxes and the table plane."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evg_app.config.models import RobotConfig
+from evg_app.geometry import TABLE_HEIGHT, Array, transform_points
+from evg_app.motion.field import DistanceField, occupied_centers
+from evg_app.types import Box, Capsule, CollisionVolume, TsdfGrid
+
+TABLE_BAND = 0.006
+"""Surface points up to this far above the table plane are the table's [m]: it is known analytically."""
+SELF_PADDING = 0.02
+"""Occupied voxels this close to the arm's present pose cannot be real and are dropped [m]."""
+
+
+@dataclass(frozen=True)
+class SceneView:
+    """What the planner is given.
+
+    Attributes:
+        tsdf: the workspace cube, task frame.
+        volume: the wider, coarser picture, base frame.
+        boxes: declared obstacles beside those of the robot config, base frame.
+    """
+
+    tsdf: TsdfGrid
+    volume: CollisionVolume
+    boxes: tuple[Box, ...] = ()
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The table top: points p with normal @ p = offset, in the base frame; `normal` points up."""
+
+    normal: Array
+    offset: float
+
+    def height(self, points: Array) -> Array:
+        """Height [m] of points (..., 3) above the plane. Shape (...)."""
+        height: Array = points @ self.normal - self.offset
+        return height
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """Declared boxes as arrays: centres and half sides (B, 3) [m]."""
+
+    center: Array
+    half: Array
+
+    @staticmethod
+    def of(boxes: tuple[Box, ...]) -> "Boxes":
+        """From values."""
+        center = np.array([box.center for box in boxes], dtype=np.float64).reshape(-1, 3)
+        half = np.array([box.size for box in boxes], dtype=np.float64).reshape(-1, 3) / 2
+        return Boxes(center, half)
+
+    def distance(self, points: Array) -> Array:
+        """Distance [m] of points (..., 3) to the nearest box, 0 inside, infinite without boxes. Shape (...)."""
+        nearest = np.full(points.shape[:-1], np.inf)
+        for center, half in zip(self.center, self.half, strict=True):
+            beyond = np.maximum(np.abs(points - center) - half, 0.0)
+            np.minimum(nearest, np.sqrt((beyond * beyond).sum(axis=-1)), out=nearest)
+        return nearest
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A `SceneView` prepared for checks.
+
+    Attributes:
+        points: surface points in the base frame, without the table's: sub-voxel inside the cube, voxel centres
+            outside. Shape (P, 3) [m].
+        field: distance to the occupied voxels, without the table's.
+        boxes: declared boxes.
+        table: the table plane.
+    """
+
+    points: Array
+    field: DistanceField | None
+    boxes: Boxes
+    table: Plane
+
+
+def table_plane(robot: RobotConfig) -> Plane:
+    """The table top of the lab: `TABLE_HEIGHT` above the task frame's origin (spec §1)."""
+    T = robot.T_base_task.matrix()
+    normal = T[:3, 2]
+    return Plane(normal, float(normal @ transform_points(T, [0.0, 0.0, TABLE_HEIGHT])))
+
+
+def declared_boxes(robot: RobotConfig) -> tuple[Box, ...]:
+    """Obstacles and bin walls of the robot config."""
+    return (*(model.box() for model in robot.obstacles), *robot.drop.walls())
+
+
+def empty_scene(robot: RobotConfig) -> Scene:
+    """Only what is declared: boxes and table."""
+    return Scene(np.zeros((0, 3)), None, Boxes.of(declared_boxes(robot)), table_plane(robot))
+
+
+def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
+    """Build the points and the distance field; `arm` are the links where the arm is now."""
+    T_base_task, table = robot.T_base_task.matrix(), table_plane(robot)
+    volume = view.volume
+    centers = occupied_centers(volume)
+    keep = (table.height(centers) > TABLE_BAND + volume.voxel_size / 2) & ~_near(centers, arm)
+    occupied = np.zeros_like(volume.occupied)
+    occupied[tuple(np.argwhere(volume.occupied)[keep].T)] = True
+    in_task = (centers[keep] - T_base_task[:3, 3]) @ T_base_task[:3, :3]
+    outside = ((in_task < 0) | (in_task > view.tsdf.size)).any(axis=1)
+    surface = transform_points(T_base_task, surface_points(view.tsdf))
+    surface = surface[table.height(surface) > TABLE_BAND]
+    boxes = Boxes.of((*declared_boxes(robot), *view.boxes))
+    field = DistanceField(occupied, volume.origin, volume.voxel_size)
+    return Scene(np.concatenate([surface, centers[keep][outside]]), field, boxes, table)
+
+
+def surface_points(grid: TsdfGrid) -> Array:
+    """Zero crossings between neighbouring voxels along the three axes, task frame. Shape (P, 3) [m].
+
+    Only the seen surface, not the band of 3 cm behind it: a finger may go behind a thin object.
+    """
+    n = grid.values.shape[0]
+    voxel = grid.size / n
+    value = grid.values.astype(np.float64)
+    points = []
+    for axis in range(3):
+        low, high = (np.take(value, range(k, n - 1 + k), axis=axis) for k in (0, 1))
+        crosses = (low > 0) & (high > 0) & ((low > 0.5) != (high > 0.5))
+        index = np.argwhere(crosses)
+        a, b = low[crosses], high[crosses]
+        p = (index + 0.5) * voxel
+        p[:, axis] += voxel * (a - 0.5) / (a - b)
+        points.append(p)
+    return np.concatenate(points)
+
+
+def _near(points: Array, arm: list[Capsule]) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Whether points (P, 3) lie in a padded link."""
+    near = np.zeros(len(points), dtype=np.bool_)
+    for link in arm:
+        axis = link.p1 - link.p0
+        relative = points - link.p0
+        along = np.clip(relative @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
+        near |= ((relative - along[:, None] * axis) ** 2).sum(axis=1) <= (link.radius + SELF_PADDING) ** 2
+    return near
