@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from evg_app.nets.c4 import C4Linear
 from evg_app.nets.features import Features, sample, sample_weighted
 from evg_app.nets.fibres import Fibre
+from evg_app.nets.heads import CONTRAST
 
 WORKSPACE_SIZE = 0.30
 """Side of the workspace [m]; control points are stored in units of it."""
@@ -30,7 +31,7 @@ class DeformableAttention(nn.Module):
 
     def __init__(self, fibre: Fibre, offsets: int = 8, value_reg: int = 24) -> None:
         super().__init__()
-        self.to_offsets = C4Linear(fibre, Fibre(triv=offsets, vec=offsets))
+        self.to_offsets = C4Linear(fibre, Fibre(triv=offsets, vec=offsets), contrast=CONTRAST)
         self.to_weights = C4Linear(fibre, Fibre(triv=offsets))
         self.to_values = C4Linear(fibre, Fibre(reg=value_reg))
         self.out = C4Linear(Fibre(reg=value_reg), fibre)
@@ -41,7 +42,7 @@ class DeformableAttention(nn.Module):
     def forward(self, features: Features, points: Tensor, c: Tensor) -> Tensor:
         """Attended feature at points (B, Q, 3) with their own feature c (B, Q, C). (B, Q, C)."""
         z, xy = self.to_offsets(c).split([self.offsets, 2 * self.offsets], -1)
-        delta = torch.cat([xy.unflatten(-1, (self.offsets, 2)), z[..., None]], -1)
+        delta = torch.cat([xy.reshape(*xy.shape[:-1], self.offsets, 2), z[..., None]], -1)
         weights: Tensor = self.to_weights(c)
         mixed = sample_weighted(features, points[:, :, None] + delta, weights)
         values = mixed @ self.to_values.matrix().T
@@ -94,7 +95,7 @@ class GraspAttention(nn.Module):
         return (0.5 * (points + turned)).view(25, 3), (0.5 * (code + code.flip(0))).view(25, -1)
 
     def forward(self, features: Features, points: Tensor, rotation: Tensor, c: Tensor) -> Tensor:
-        """Feature of grasps at points (B, Q, 3) with rotations (B, Q, 3, 3) and point features c (B, Q, C). (B, Q, C)."""
+        """Feature (B, Q, C) of grasps at points (B, Q, 3), rotations (B, Q, 3, 3), point features c (B, Q, C)."""
         batch, queries, _ = points.shape
         local, code = self._symmetric()
         triv = slice(4 * self.hidden.reg, self.hidden.size)

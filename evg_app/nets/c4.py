@@ -34,7 +34,7 @@ def regular_bias(copies: int) -> ExpandedFilter:
 
 
 class RegularConv2d(nn.Module):
-    """Convolution between regular fields, 36 free numbers per pair of copies for 3x3. (B, 4 in, H, W) -> (B, 4 out, H, W)."""
+    """Convolution between regular fields, 36 free numbers per pair of copies for 3x3."""
 
     def __init__(self, in_reg: int, out_reg: int, kernel: int = 3, gain: float = 2.0) -> None:
         super().__init__()
@@ -45,12 +45,12 @@ class RegularConv2d(nn.Module):
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
-        """Equivariant map of a regular field with (row, column) = (x, y)."""
+        """(B, 4 in, H, W) -> (B, 4 out, H, W), (row, column) = (x, y)."""
         return F.conv2d(x, self.filter(), self.bias(), padding=self.padding)
 
 
 class LiftConv2d(nn.Module):
-    """Invariant channels to a regular field: output orientation k uses rot90(base, k). (B, in, H, W) -> (B, 4 out, H, W)."""
+    """Invariant channels to a regular field: output orientation k uses rot90(base, k)."""
 
     def __init__(self, in_channels: int, out_reg: int, kernel: int = 3) -> None:
         super().__init__()
@@ -61,7 +61,7 @@ class LiftConv2d(nn.Module):
         self.padding = kernel // 2
 
     def forward(self, x: Tensor) -> Tensor:
-        """Equivariant map of invariant channels with (row, column) = (x, y)."""
+        """(B, in, H, W) -> (B, 4 out, H, W), (row, column) = (x, y)."""
         return F.conv2d(x, self.filter(), self.bias(), padding=self.padding)
 
 
@@ -76,13 +76,18 @@ class C4Linear(nn.Module):
         target: output type.
         bias: whether to add the equivariant bias.
         gain: variance gain of the initialisation (2 after a ReLU, 1 otherwise).
+        contrast: extra factor on maps from regular copies to vectors at initialisation. The four
+            orientations of a copy are alike before training, so their differences are small.
     """
 
-    def __init__(self, source: Fibre, target: Fibre, bias: bool = True, gain: float = 1.0) -> None:
+    def __init__(
+        self, source: Fibre, target: Fibre, bias: bool = True, gain: float = 1.0, contrast: float = 1.0
+    ) -> None:
         super().__init__()
         self.source, self.target = source, target
         index, sign, n_free = _linear_index(source, target)
-        self.matrix = ExpandedFilter(n_free, index, sign, _linear_std(source, target, index, sign, n_free, gain))
+        std = _linear_std(source, target, index, sign, gain, contrast)
+        self.matrix = ExpandedFilter(n_free, index, sign, std)
         self.bias = _linear_bias(target) if bias and target.reg + target.triv else None
 
     def forward(self, x: Tensor) -> Tensor:
@@ -156,16 +161,18 @@ def _cell(out_kind: str, in_kind: str) -> tuple[Tensor, Tensor, int]:
     return powers_index.T, powers_sign.T, 2
 
 
-def _linear_std(source: Fibre, target: Fibre, index: Tensor, sign: Tensor, n_free: int, gain: float) -> Tensor:
+def _linear_std(source: Fibre, target: Fibre, index: Tensor, sign: Tensor, gain: float, contrast: float) -> Tensor:
     """Standard deviation of each free number, He-like per output kind.
 
     A row of a regular output sees all regular and invariant channels; an invariant sums the four
     orientations of a copy with one weight (they are alike, so the fan counts twice); a vector sees
     only regular copies and vectors.
     """
-    std = torch.zeros(n_free)
+    std = torch.zeros(int(index.max()) + 1)
+    regular = slice(0, ORDER * source.reg)
     for rows, _, kind in _parts(target):
         fan = int((sign[rows][0] != 0).sum()) + (ORDER * source.reg if kind == "triv" else 0)
-        used = index[rows][sign[rows] != 0].unique()
-        std[used] = math.sqrt(gain / max(fan, 1))
+        std[index[rows][sign[rows] != 0]] = math.sqrt(gain / max(fan, 1))
+        if kind == "vec":
+            std[index[rows, regular]] *= contrast
     return std

@@ -33,7 +33,8 @@ class NetConfig:
         unknown = sorted(set(values) - set(known))
         if unknown:
             raise ValueError(f"unknown keys {unknown} in the architecture of {cls.__name__}; known: {known}")
-        return cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+        plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
+        return cls(**plain)
 
 
 @dataclass(frozen=True)

@@ -106,5 +106,3 @@ class EquiIGD(nn.Module):
         """One number per point. (B, Q, C) -> (B, Q)."""
         out: Tensor = head(c)
         return out.squeeze(-1)
-
-

@@ -38,8 +38,8 @@ class Fibre:
 def turn_fibre(x: Tensor, fibre: Fibre, turns: int) -> Tensor:
     """Channels x (..., fibre.size) after the scene has turned by `turns` * 90 degrees about z."""
     _, triv, vec = fibre.offsets
-    regular = x[..., :triv].unflatten(-1, (fibre.reg, ORDER)).roll(turns, -1).flatten(-2) if fibre.reg else x[..., :0]
-    vectors = x[..., vec:].unflatten(-1, (fibre.vec, 2)) if fibre.vec else x[..., :0].unflatten(-1, (0, 2))
+    regular = x[..., :triv].reshape(*x.shape[:-1], fibre.reg, ORDER).roll(turns, -1).flatten(-2)
+    vectors = x[..., vec:].reshape(*x.shape[:-1], fibre.vec, 2)
     for _ in range(turns % ORDER):
         vectors = torch.stack([-vectors[..., 1], vectors[..., 0]], -1)
     return torch.cat([regular, x[..., triv:vec], vectors.flatten(-2)], -1)

@@ -56,6 +56,7 @@ class RotationFlow(nn.Module):
         self.time = TimeEmbedding(time_dim)
         self.inject_time = nn.ModuleList(C4Linear(Fibre(triv=time_dim), hidden, bias=False) for _ in range(blocks))
         self.out = C4Linear(hidden, ROTATION)
+        self.out.matrix.scale_(0.3)
 
     def prepare(self, c: Tensor) -> list[Tensor]:
         """What the context adds to each block; does not depend on rotation or time."""

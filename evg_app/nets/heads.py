@@ -10,6 +10,10 @@ RESIDUAL_START = 0.25
 """Factor on the last layer of a residual branch at initialisation: there are no normalisation layers."""
 
 
+CONTRAST = 8.0
+"""Factor on maps to vectors at initialisation, where these are made from features of a point."""
+
+
 class ResidualBlock(nn.Module):
     """x + Linear(ReLU(Linear(ReLU(x)))) on a type of regular copies and invariants."""
 
@@ -64,7 +68,7 @@ class Head(nn.Module):
         super().__init__()
         self.context = C4Linear(source, hidden)
         self.trunk = ConditionedTrunk(hidden, blocks)
-        self.out = C4Linear(hidden, target)
+        self.out = C4Linear(hidden, target, contrast=CONTRAST)
 
     def forward(self, c: Tensor) -> Tensor:
         """(..., source.size) -> (..., target.size)."""

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
+from torch.nn.grad import conv2d_weight
 
 from evg_app.nets.c4 import lift_index, regular_bias
 from evg_app.nets.expanded import ExpandedFilter
@@ -32,7 +33,7 @@ class LiftAndProject(nn.Module):
         if grid.ndim != 5 or grid.shape[1] != 1:
             raise ValueError(f"grid has shape {tuple(grid.shape)}; expected (B, 1, X, Y, Z)")
         weight = self.filter()[:, 0].permute(0, 3, 1, 2).contiguous(memory_format=torch.channels_last)
-        xy, xz, yz = _LiftAndProject.apply(_slabs(grid), weight, self.bias())
+        xy, xz, yz = _LiftAndProject.apply(_slabs(grid), weight, self.bias())  # type: ignore[no-untyped-call]
         return xy.permute(0, 3, 1, 2), xz.permute(0, 3, 2, 1), yz.permute(0, 3, 2, 1)
 
 
@@ -81,6 +82,6 @@ class _LiftAndProject(torch.autograd.Function):
                 grad = (g_xy[scene] + g_xz[scene, part, :, None]).add_(g_yz[scene, part, None])
                 grad.mul_(lifted > 0)
                 outgoing = grad.permute(0, 3, 1, 2)
-                g_weight += torch.nn.grad.conv2d_weight(slab, weight.shape, outgoing, padding=1)
+                g_weight += conv2d_weight(slab, weight.shape, outgoing, padding=1)  # type: ignore[no-untyped-call]
                 g_bias += grad.sum((0, 1, 2))
         return None, g_weight, g_bias

@@ -10,12 +10,12 @@ from torch import Tensor
 
 def rows_to_vectors(rows: Tensor) -> Tensor:
     """Row order to the order of irreps. (..., 6) -> (..., 6)."""
-    return rows.unflatten(-1, (2, 3)).transpose(-1, -2).flatten(-2)
+    return rows.reshape(*rows.shape[:-1], 2, 3).transpose(-1, -2).flatten(-2)
 
 
 def vectors_to_rows(vectors: Tensor) -> Tensor:
     """Order of irreps to row order. (..., 6) -> (..., 6)."""
-    return vectors.unflatten(-1, (3, 2)).transpose(-1, -2).flatten(-2)
+    return vectors.reshape(*vectors.shape[:-1], 3, 2).transpose(-1, -2).flatten(-2)
 
 
 def to_rows(rotation: Tensor) -> Tensor:

@@ -16,7 +16,7 @@ from torch.autograd.function import once_differentiable
 def weighted_rows(table: Tensor, index: Tensor, factor: Tensor) -> Tensor:
     """sum_k factor[..., k] * table[index[..., k]]. (V, C), int32 (..., K), (..., K) -> (..., C)."""
     flat = (index.shape[:-1].numel(), index.shape[-1])
-    out: Tensor = _WeightedRows.apply(table, index.reshape(flat), factor.reshape(flat))
+    out: Tensor = _WeightedRows.apply(table, index.reshape(flat), factor.reshape(flat))  # type: ignore[no-untyped-call]
     return out.view(*index.shape[:-1], table.shape[1])
 
 

@@ -83,11 +83,12 @@ class SideToPlane(nn.Module):
 
     def forward(self, xy: Tensor, ax: Tensor, ay: Tensor) -> Tensor:
         """xy (B, 4 reg, X, Y), means ax (B, C, X) and ay (B, C, Y). (B, 4 reg, X, Y)."""
-        matrix = self.linear.matrix()
+        matrix: Tensor = self.linear.matrix()
         regular, invariant = matrix[:, : self.regular], matrix[:, self.regular :]
         weight = regular[..., None, None].contiguous(memory_format=torch.channels_last)
-        out = F.conv2d(xy, weight, self.bias())
-        return out + (invariant @ ax)[..., None] + (invariant @ ay)[..., None, :]
+        out: Tensor = F.conv2d(xy, weight, self.bias())
+        along_x, along_y = invariant @ ax, invariant @ ay
+        return out + along_x[..., None] + along_y[..., None, :]
 
 
 class JointTriUNet(nn.Module):
@@ -146,15 +147,13 @@ class JointTriUNet(nn.Module):
         """Side views (V B, C, horizontal, z) of the lifted planes: 2 for `mixed`, 4 for `exact`."""
         if self.side == "mixed":
             return torch.cat([xz, yz])
-        regular = (self.reg[0], ORDER)
-        turned = [
-            plane.unflatten(1, regular).roll(-k, 2).flatten(1, 2)
-            for k, plane in enumerate([xz, yz, xz.flip(2), yz.flip(2)])
-        ]
-        return torch.cat(turned)
+        batch, _, *size = xz.shape
+        fields = (batch, self.reg[0], ORDER, *size)
+        seen = (xz, yz, xz.flip(2), yz.flip(2))
+        return torch.cat([v.reshape(fields).roll(-k, 2).flatten(1, 2) for k, v in enumerate(seen)])
 
     def _fold(self, views: Tensor) -> tuple[Tensor, Tensor]:
-        """Functions of (x, ...) and (y, ...) from the views (V B, C, horizontal, ...), whose sum is the side feature."""
+        """Functions of (x, ...) and (y, ...) that sum to the side feature, from the views (V B, C, horizontal, ...)."""
         if self.side == "mixed":
             first, second = views.chunk(2)
             return first, second
