@@ -77,4 +77,4 @@ def points_above_table(frame: Frame, T_cam_task: Array) -> int:
     points = points_in(sparse, frame.intrinsics, T_cam_task, STRIDE)
     low = np.array([EDGE, EDGE, TABLE_HEIGHT + ABOVE_TABLE], dtype=np.float32)
     high = np.array([WORKSPACE_SIZE - EDGE, WORKSPACE_SIZE - EDGE, WORKSPACE_SIZE], dtype=np.float32)
-    return int(((points > low) & (points < high)).all(axis=1).sum())
+    return int(((points > low[:, None]) & (points < high[:, None])).all(axis=0).sum())
