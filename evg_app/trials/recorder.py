@@ -41,7 +41,7 @@ class Recorder:
     ) -> None:
         self.folder = folders.make(folder)
         self.store = TrialStore(self.folder, config, facts)
-        self.film = film or Film()
+        self.film = Film() if film is None else film
         self._pictures_in_film = pictures_in_film
         self._gathered, self._label = Gathered(), ""
 

@@ -1,0 +1,167 @@
+"""`evg-app run`: pick objects until the table is clear.
+
+Example: `evg-app run --sim --scene pile --rounds 10 --seed 0 --json out.json`
+"""
+
+import argparse
+import json
+import os
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from evg_app.cli.console import say
+from evg_app.config.files import load_camera, load_robot, load_world
+from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
+from evg_app.errors import BadInput, HardwareError
+
+DEFAULT_SCENE = "packed"
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def _speed(text: str) -> float:
+    value = float(text)
+    if not 0.01 <= value <= 1000:
+        raise argparse.ArgumentTypeError("must be between 0.01 and 1000 (times real time)")
+    return value
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser("run", help="pick objects off the table and log every trial", description=__doc__)
+    parser.add_argument("--sim", action="store_true", help="PyBullet stands in for arm, gripper and camera")
+    parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
+    parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
+    parser.add_argument("--model", default="equiigd", metavar="NAME", help="equiigd, equigiga, antipodal or random")
+    parser.add_argument(
+        "--weights", metavar="FILE", help="a .safetensors file or a shipped name (default: the model's)"
+    )
+    parser.add_argument("--device", default="cpu", help="where the network runs: cpu or cuda")
+    parser.add_argument("--rounds", type=_count, default=1, metavar="N", help="rounds (default: 1)")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="S", help="seed of scenes, noise and policy (default: 0)"
+    )
+    parser.add_argument("--run-dir", type=Path, metavar="DIR", help="run folder (default: runs/<date>-<id>)")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the summary here")
+    parser.add_argument(
+        "--config-dir", type=Path, metavar="DIR", help="your own robot_configs/ and sim/, looked up first"
+    )
+    sim = parser.add_argument_group("simulation")
+    sim.add_argument("--scene", default=DEFAULT_SCENE, metavar="NAME", help="sim/worlds/NAME.yaml (default: packed)")
+    sim.add_argument(
+        "--objects", type=Path, metavar="DIR", help="URDFs in VGN's layout instead of the built-in objects"
+    )
+    sim.add_argument("--gui", action="store_true", help="show PyBullet's window")
+    sim.add_argument(
+        "--speed", type=_speed, metavar="X", help="pace at X times real time (default: as fast as it goes)"
+    )
+    parser.set_defaults(run=run)
+
+
+def _hardware(args: argparse.Namespace, robot: RobotConfig) -> int:
+    """There are no hardware drivers in this version."""
+    raise HardwareError(
+        f"this version has no driver for robot '{args.robot}' ({robot.driver}) and camera '{args.camera}'; "
+        "only the simulated stand-in can run. Run: evg-app run --sim"
+    )
+
+
+def _json_target(path: Path | None) -> None:
+    """Refuse an unwritable --json before anything moves."""
+    if path is None:
+        return
+    if path.is_dir() or not path.parent.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise BadInput(
+            f"--json {path} cannot be written. Name a file in a folder that exists and that you may write to"
+        )
+
+
+def snapshot(args: argparse.Namespace, *models: RobotConfig | CameraConfig | WorldConfig) -> dict[str, Any]:
+    """Everything that configures a run, for the log."""
+    given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items() if key != "run"}
+    names = ("robot", "camera", "world")
+    return {"arguments": given} | {n: m.model_dump(mode="json") for n, m in zip(names, models, strict=True)}
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run rounds. Returns the exit code.
+
+    Raises:
+        EvgError: bad input, refusal or hardware, each with its exit code.
+    """
+    robot, camera = load_robot(args.robot, args.config_dir), load_camera(args.camera, args.config_dir)
+    if not args.sim:
+        return _hardware(args, robot)
+    world_config = load_world(args.scene, args.config_dir)
+    _json_target(args.json)
+    return _simulate(args, robot, camera, world_config)
+
+
+def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, world_config: WorldConfig) -> int:
+    from evg_app.cli.lab import build_lab, filming
+    from evg_app.cli.progress import Progress
+    from evg_app.events import Event
+    from evg_app.grasping.load import load_planner
+    from evg_app.motion.feasibility import MotionPlanner
+    from evg_app.picking.context import Context, Devices
+    from evg_app.picking.motion import PlannedMotion
+    from evg_app.picking.perceive import TablePerception
+    from evg_app.picking.run import run_rounds
+    from evg_app.trials.film import Film
+    from evg_app.trials.folder import default_name
+    from evg_app.trials.recorder import Recorder
+
+    planner = load_planner(args.model, args.weights, args.device)
+    motion = MotionPlanner(robot)
+    lab = build_lab(robot, camera, world_config, args.objects, args.gui, args.speed)
+    film = Film()
+    folder = args.run_dir or default_name()
+    config = snapshot(args, robot, camera, world_config)
+    perception = TablePerception(
+        lab.world.T_base_task, lambda q: lab.camera.T_base_cam, motion.kinematics.link_primitives
+    )
+    with ExitStack() as stack:
+        stack.callback(lab.world.close)
+        recorder = stack.enter_context(Recorder(folder, config, film=film, pictures_in_film=False))
+        for device in (lab.camera, lab.arm, lab.gripper):
+            stack.enter_context(device)
+        progress = Progress()
+
+        def sink(event: Event) -> None:
+            recorder(event)
+            progress(event)
+
+        ctx = Context(
+            devices=Devices(lab.camera, lab.arm, lab.gripper, lab.clock),
+            perception=perception,
+            planner=planner,
+            motion=PlannedMotion(motion),
+            robot=robot,
+            camera=camera,
+            sink=sink,
+            referee=lab.referee,
+            tick=filming(lab.world, film),
+        )
+        result = run_rounds(ctx, lab.rounds, [args.seed], args.rounds)
+    _report(folder, args.json)
+    if result.error is not None:
+        raise result.error
+    return result.exit_code
+
+
+def _report(folder: Path, target: Path | None) -> None:
+    """Say what came out, and write the JSON."""
+    from evg_app.trials.report import report
+    from evg_app.trials.summary import summary
+
+    facts = summary(folder)
+    say(report(facts))
+    say(f"run folder: {folder}")
+    if target is not None:
+        target.write_text(json.dumps(facts, indent=2) + "\n")
