@@ -1,1 +1,1 @@
-"""TBD"""
+"""Learning: labelled scenes from the simulator, and the training of the grasp networks on them."""

@@ -1,0 +1,39 @@
+"""`evg-app generate`: labelled scenes for training."""
+
+import argparse
+import logging
+from pathlib import Path
+
+SUMMARY = "generate labelled scenes for training"
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the verb `generate`."""
+    parser = subparsers.add_parser("generate", help=SUMMARY, description=SUMMARY)
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder of shards; missing ones are made"
+    )
+    parser.add_argument("--scenes", type=int, default=5000, help="how many, in shards of 50 (default 5000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--packed-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
+    parser.add_argument("--pile-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.set_defaults(run=run)
+
+
+_FOLDER = "folder of URDFs in VGN's layout to use beside the built-in training objects; may be given several times"
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make the missing shards. Returns 0."""
+    from evg_app.learning.generate import GenerateConfig, generate
+
+    logging.getLogger("evg_app").setLevel(logging.INFO)
+    config = GenerateConfig(
+        seed=args.seed,
+        scenes=args.scenes,
+        packed_folders=tuple(str(p) for p in args.packed_objects),
+        pile_folders=tuple(str(p) for p in args.pile_objects),
+    )
+    generate(config, args.out, args.workers)
+    return 0

@@ -1,0 +1,110 @@
+"""Label grasps of one scene: does the approach stay free, and does the closed gripper hold? (learning.md §1)."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evg_app.geometry import Array
+from evg_app.learning.candidates import along_normals, from_contacts, perturbed, turned
+from evg_app.learning.holds import check_holds
+from evg_app.learning.solids import CLOSE, FREE, SceneSolids
+from evg_app.learning.surface import SurfacePoints
+
+
+class Kind(IntEnum):
+    """What a labelled grasp is."""
+
+    COLLISION = 0
+    SLIP = 1
+    POSITIVE = 2
+
+
+@dataclass(frozen=True)
+class LabelledGrasps:
+    """Grasps with their truth.
+
+    Attributes:
+        T_task_grasp: [m]. Shape (N, 4, 4).
+        kind: see `Kind`. Shape (N,), uint8.
+        width: opening of the gripper when it holds [m] (0.08 otherwise). Shape (N,).
+        owner: object held, -1 for none. Shape (N,).
+    """
+
+    T_task_grasp: Array
+    kind: NDArray[np.uint8]
+    width: Array
+    owner: NDArray[np.int64]
+
+    def take(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> "LabelledGrasps":
+        """The grasps at `index`."""
+        return LabelledGrasps(self.T_task_grasp[index], self.kind[index], self.width[index], self.owner[index])
+
+    def join(self, other: "LabelledGrasps") -> "LabelledGrasps":
+        """These grasps followed by the others."""
+        return LabelledGrasps(
+            np.concatenate([self.T_task_grasp, other.T_task_grasp]),
+            np.concatenate([self.kind, other.kind]),
+            np.concatenate([self.width, other.width]),
+            np.concatenate([self.owner, other.owner]),
+        )
+
+
+def label(scene: SceneSolids, T_task_grasp: Array) -> LabelledGrasps:
+    """Judge poses (N, 4, 4); those too close to call are left out. Returns at most N grasps."""
+    clearance = scene.clearance(T_task_grasp)
+    collides, free = clearance <= CLOSE, clearance >= FREE
+    hits = np.flatnonzero(collides)
+    open_ = T_task_grasp[free]
+    hold = check_holds(scene, open_)
+    kind = np.where(hold.holds, Kind.POSITIVE, Kind.SLIP).astype(np.uint8)
+    judged = LabelledGrasps(open_, kind, np.where(hold.holds, hold.width, 0.08), hold.owner)
+    collided = LabelledGrasps(
+        T_task_grasp[hits],
+        np.full(len(hits), Kind.COLLISION, dtype=np.uint8),
+        np.full(len(hits), 0.08),
+        np.full(len(hits), -1),
+    )
+    return judged.take(np.flatnonzero(hold.holds | hold.slips)).join(collided)
+
+
+def sample_and_label(
+    scene: SceneSolids, points: SurfacePoints, candidates: int, rng: np.random.Generator
+) -> LabelledGrasps:
+    """Label about `candidates` grasps of a scene, 70 % from contacts and 30 % along normals; then a third as many
+    again near positives, and a twelfth as many positives turned about their approach."""
+    contacts = points.take(rng.integers(len(points.position), size=round(0.7 * candidates)))
+    normals = points.take(rng.integers(len(points.position), size=round(0.3 * candidates)))
+    first = label(scene, np.concatenate([from_contacts(scene, contacts, rng), along_normals(normals, rng)]))
+    positives = first.T_task_grasp[first.kind == Kind.POSITIVE]
+    if len(positives) == 0:
+        return first
+    around = [perturbed(positives, candidates // 3, rng), turned(positives, candidates // 12, rng)]
+    return first.join(label(scene, np.concatenate(around)))
+
+
+def balance(grasps: LabelledGrasps, each: int, slip_share: float, rng: np.random.Generator) -> LabelledGrasps:
+    """At most `each` positives, spread over the objects, and as many negatives.
+
+    `slip_share` of the negatives are slips where there are enough.
+    """
+    positive, slip, collision = (
+        rng.permutation(np.flatnonzero(grasps.kind == kind)) for kind in (Kind.POSITIVE, Kind.SLIP, Kind.COLLISION)
+    )
+    positive = _spread(positive, grasps.owner, each)
+    wanted = max(len(positive), min(each, 40))
+    slip = slip[: max(round(slip_share * wanted), wanted - len(collision))]
+    collision = collision[: wanted - len(slip)]
+    return grasps.take(np.sort(np.concatenate([positive, slip, collision])))
+
+
+def _spread(index: NDArray[np.int64], owner: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """The first `count` of `index` when every object takes turns."""
+    if len(index) == 0:
+        return index
+    turn = np.zeros(len(index), dtype=np.int64)
+    for one in np.unique(owner[index]):
+        mine = owner[index] == one
+        turn[mine] = np.arange(mine.sum())
+    return index[np.argsort(turn, kind="stable")[:count]]

@@ -1,0 +1,245 @@
+"""Train EquiIGD on a folder of shards within a time budget, on one CPU core, resuming where it stopped."""
+
+import csv
+import json
+import logging
+import math
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from evg_app.errors import BadInput
+from evg_app.learning.batches import BatchSizes, draw_batch
+from evg_app.learning.dataset import SceneStore
+from evg_app.learning.ema import WeightAverage
+from evg_app.learning.losses import equiigd_losses
+from evg_app.learning.metrics import evaluate
+from evg_app.nets.equiigd import EquiIGD
+from evg_app.nets.registry import build
+
+log = logging.getLogger(__name__)
+
+ALLOCATOR = {
+    "MALLOC_MMAP_THRESHOLD_": "4294967296",
+    "MALLOC_TRIM_THRESHOLD_": "17179869184",
+    "OMP_NUM_THREADS": "1",
+    "OMP_WAIT_POLICY": "passive",
+}
+"""Environment that halves the cost of a step; it must be set before python starts (learning.md §2)."""
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """How to train.
+
+    Attributes:
+        minutes: budget; the learning rate reaches its end when it is used up.
+        max_steps: if given, the budget in steps instead (exactly repeatable).
+        batch: scenes per step.
+        sizes: queries per scene.
+        learning_rate, final_rate: after the warm-up, and at the end.
+        warmup_steps: linear warm-up.
+        clip: largest norm of the gradient.
+        ema: decay of the averaged weights.
+        checkpoint_seconds, validate_seconds: how often.
+        validation_scenes: how many scenes to measure on.
+        seed: of weights and batches.
+        architecture, network: name and config of the network (nets.registry).
+    """
+
+    minutes: float = 60.0
+    max_steps: int | None = None
+    batch: int = 6
+    sizes: BatchSizes = field(default_factory=BatchSizes)
+    learning_rate: float = 1e-3
+    final_rate: float = 1e-5
+    warmup_steps: int = 100
+    clip: float = 5.0
+    ema: float = 0.998
+    checkpoint_seconds: float = 120.0
+    validate_seconds: float = 300.0
+    validation_scenes: int = 80
+    seed: int = 0
+    architecture: str = "equiigd"
+    network: dict[str, Any] = field(default_factory=dict)
+
+
+def restart_with_allocator() -> None:
+    """Start this very command again with the environment of `ALLOCATOR`, unless it is set already."""
+    if all(os.environ.get(k) == v for k, v in ALLOCATOR.items()):
+        return
+    os.environ.update(ALLOCATOR)
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
+
+
+class Trainer:
+    """The state of a training: network, average, optimiser, steps and time used. `folder` holds checkpoint and CSV."""
+
+    def __init__(self, config: TrainConfig, store: SceneStore, folder: Path) -> None:
+        torch.set_num_threads(1)
+        torch.manual_seed(config.seed)
+        model = build(config.architecture, config.network)
+        if not isinstance(model, EquiIGD):
+            raise BadInput(f"training of '{config.architecture}' is not available; use 'equiigd'")
+        self.config, self.store, self.folder, self.model = config, store, folder, model
+        self.average = WeightAverage(model, config.ema)
+        self.optimiser = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+        self.step, self.used_seconds, self.scene_visits = 0, 0.0, 0
+        self.metrics: dict[str, float] = {}
+        self._recent: dict[str, float] = {}
+
+    @property
+    def progress(self) -> float:
+        """Share of the budget that is used, from 0 to 1."""
+        if self.config.max_steps is not None:
+            return self.step / self.config.max_steps
+        return self.used_seconds / (60.0 * self.config.minutes)
+
+    def rate(self) -> float:
+        """Learning rate now: linear warm-up, then a cosine over the budget."""
+        c = self.config
+        cosine = 0.5 * (1.0 + math.cos(math.pi * min(self.progress, 1.0)))
+        return (c.final_rate + (c.learning_rate - c.final_rate) * cosine) * min(1.0, (self.step + 1) / c.warmup_steps)
+
+    def train_step(self) -> None:
+        """One batch forward and back."""
+        started = time.monotonic()
+        for group in self.optimiser.param_groups:
+            group["lr"] = self.rate()
+        batch = draw_batch(self.store.train, self.config.sizes, self.config.batch, (self.config.seed, self.step))
+        generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + self.step)
+        losses = equiigd_losses(self.model, batch, generator)
+        total = torch.stack(list(losses.values())).sum()
+        self.optimiser.zero_grad(set_to_none=True)
+        total.backward()  # type: ignore[no-untyped-call]
+        norm = torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.config.clip)
+        if torch.isfinite(norm):
+            self.optimiser.step()
+            self.average.update(self.model)
+        else:
+            log.warning("step %d: gradient is not finite, left out", self.step)
+        self.step += 1
+        self.scene_visits += self.config.batch
+        self.used_seconds += time.monotonic() - started
+        self._note({k: float(v.detach()) for k, v in losses.items()})
+
+    def validate(self) -> dict[str, float]:
+        """Measure the averaged weights and append a row to metrics.csv."""
+        scenes = self.store.validation[: self.config.validation_scenes]
+        averaged = build(self.config.architecture, self.config.network)
+        averaged.load_state_dict(self.average.state)
+        assert isinstance(averaged, EquiIGD)
+        self.metrics = evaluate(averaged, scenes) if scenes else {}
+        row = {
+            "step": self.step,
+            "minutes": self.used_seconds / 60.0,
+            "scene_visits": self.scene_visits,
+            "train_scenes": len(self.store.train),
+            "rate": self.rate(),
+            **{f"loss_{k}": v for k, v in self._recent.items()},
+            **self.metrics,
+        }
+        _append_row(self.folder / "metrics.csv", row)
+        log.info("%s", "  ".join(f"{k} {v:.4g}" for k, v in row.items()))
+        return self.metrics
+
+    def save(self) -> Path:
+        """Write the checkpoint atomically; returns its path."""
+        path = checkpoint_path(self.folder)
+        state = {
+            "config": json.dumps(asdict(self.config)),
+            "model": self.model.state_dict(),
+            "average": self.average.state,
+            "average_count": self.average.count,
+            "optimiser": self.optimiser.state_dict(),
+            "step": self.step,
+            "used_seconds": self.used_seconds,
+            "scene_visits": self.scene_visits,
+            "metrics": self.metrics,
+            "data": json.dumps(self.store.describe()),
+        }
+        temporary = path.with_suffix(".part")
+        torch.save(state, temporary)
+        temporary.replace(path)
+        return path
+
+    def load(self) -> bool:
+        """Go on from the folder's checkpoint; False if there is none.
+
+        Raises:
+            BadInput: it belongs to another network or seed.
+        """
+        path = checkpoint_path(self.folder)
+        if not path.exists():
+            return False
+        state = torch.load(path, weights_only=True)
+        other = json.loads(state["config"])
+        mine = json.loads(json.dumps(asdict(self.config)))
+        for key in ("architecture", "network", "seed", "batch", "sizes"):
+            if other[key] != mine[key]:
+                raise BadInput(f"{path} was trained with {key}={other[key]}, not {mine[key]}; use another --out")
+        self.model.load_state_dict(state["model"])
+        self.average.state, self.average.count = state["average"], state["average_count"]
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.step, self.used_seconds = state["step"], state["used_seconds"]
+        self.scene_visits, self.metrics = state["scene_visits"], state["metrics"]
+        return True
+
+    def _note(self, losses: dict[str, float]) -> None:
+        """Running means of the losses."""
+        for key, value in losses.items():
+            self._recent[key] = 0.98 * self._recent.get(key, value) + 0.02 * value
+
+
+def checkpoint_path(folder: Path) -> Path:
+    """The checkpoint of a training folder."""
+    return folder / "checkpoint.pt"
+
+
+def train(config: TrainConfig, data: Path, folder: Path, stop: Callable[[], bool] = lambda: False) -> Path:
+    """Train until the budget is used up (or `stop()`), taking in new shards on the way; returns the checkpoint's path.
+
+    Raises:
+        BadInput: no data, or the folder's checkpoint belongs to another training.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    store = SceneStore(data)
+    store.refresh()
+    if not store.train:
+        raise BadInput(f"{data} holds no training scenes yet; run evg-app generate --out {data} first")
+    trainer = Trainer(config, store, folder)
+    resumed = trainer.load()
+    log.info("%s at step %d, data: %s", "resumed" if resumed else "started", trainer.step, store.describe())
+    saved = validated = time.monotonic()
+    while trainer.progress < 1.0 and not stop():
+        trainer.train_step()
+        now = time.monotonic()
+        if trainer.step % 50 == 0:
+            log.info(
+                "step %d  %.1f min  %d scenes visited", trainer.step, trainer.used_seconds / 60, trainer.scene_visits
+            )
+        if now - saved > config.checkpoint_seconds:
+            trainer.save()
+            store.refresh()
+            saved = time.monotonic()
+        if now - validated > config.validate_seconds:
+            trainer.validate()
+            validated = time.monotonic()
+    trainer.validate()
+    return trainer.save()
+
+
+def _append_row(path: Path, row: dict[str, float]) -> None:
+    """Append a row to a CSV, with a header if it is new."""
+    new = not path.exists()
+    with path.open("a", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(row))
+        if new:
+            writer.writeheader()
+        writer.writerow({k: round(v, 6) for k, v in row.items()})
