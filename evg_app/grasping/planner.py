@@ -41,8 +41,9 @@ class PlannerConfig:
         steps: Euler steps of the flow (2-5 were as good as 10, learning.md's measurement).
         sigma: smoothing of graspness [voxels].
         threshold: least score of a grasp (LOW_TH of spec §5).
-        nms_radius: near duplicates within this distance [m] ...
+        nms_radius: near duplicates within this distance [m] (not a distance of two voxel centres: no ties) ...
         nms_angle: ... and this angle [rad] of a better grasp go.
+        max_grasps: best grasps that are compared with each other.
         dense: ask all candidate voxels, and rotations wherever graspness exceeds `dense_graspness`.
         dense_graspness: spec §5.1's low_th.
         chunk: points per network call.
@@ -55,8 +56,9 @@ class PlannerConfig:
     steps: int = 5
     sigma: float = 1.0
     threshold: float = 0.2
-    nms_radius: float = 0.015
+    nms_radius: float = 0.016
     nms_angle: float = 0.5236
+    max_grasps: int = 1024
     dense: bool = False
     dense_graspness: float = 0.05
     chunk: int = 4096
@@ -191,6 +193,7 @@ class GraspPlanner:
     def assemble(self, index: NDArray[np.intp], rotation: Array, score: Array, width: Array) -> Grasps:
         """The grasps worth keeping of those at voxels (K,), best first."""
         keep = np.flatnonzero((score >= self.config.threshold) & selection.width_mask(width))
+        keep = keep[selection.best(score[keep], self.config.max_grasps)]
         T = make(_orthonormal(rotation[keep]), lattice.voxel_positions(index[keep]))
         order = selection.suppress(T, score[keep], self.config.nms_radius, self.config.nms_angle)
         return Grasps(T[order], width[keep][order], score[keep][order])

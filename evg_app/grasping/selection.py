@@ -1,5 +1,7 @@
 """Which points to ask, which answers to keep: pure functions on arrays, all symmetric under turns about z."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
@@ -59,7 +61,7 @@ def smooth(values: Volume, where: Mask, sigma: float = 1.0) -> Volume:
     return np.where(where, total / np.maximum(weight, np.float32(1e-12)), np.float32(0.0))
 
 
-def best(values: NDArray[np.float32], count: int) -> NDArray[np.intp]:
+def best(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.intp]:
     """Indices of the `count` largest of a flat array, largest first; ties by index."""
     order: NDArray[np.intp] = np.argsort(-values, kind="stable")
     return order[:count]
