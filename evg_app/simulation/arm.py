@@ -17,6 +17,8 @@ START_TOLERANCE = 0.02
 """A trajectory must start this close to where the arm is [rad]."""
 GOAL_TOLERANCE = 0.005
 """The goal counts as reached within this [rad]."""
+REST_SPEED, REST_STEPS = 0.02, 8
+"""The arm rests when every joint is slower than this [rad/s] for this many steps."""
 SETTLE_TIME = 0.5
 """How long the arm may take to come to rest after the last sample [s]."""
 REFLEX_LAG = 0.12
@@ -97,7 +99,7 @@ class SimulatedArm:
         """
         self._errors, self._command = (), self._joints()[0]
         end = self._world.time + timeout
-        while float(np.abs(self._joints()[1]).max()) > 0.01 or self._motion is not None:
+        while float(np.abs(self._joints()[1]).max()) > REST_SPEED or self._motion is not None:
             if self._world.time >= end:
                 raise DeviceTimeout("the simulated arm to come to rest", timeout, "Something pushes it.")
             self._world.step()
@@ -143,7 +145,7 @@ class SimulatedMotion:
 
     def __init__(self, arm: SimulatedArm, world: SimWorld, trajectory: Trajectory, acceleration: Array) -> None:
         self._arm, self._world, self._trajectory, self._acceleration = arm, world, trajectory, acceleration
-        self._elapsed = 0.0
+        self._elapsed, self._still = 0.0, 0
         self._braking: tuple[Array, Array, float, float] | None = None
         self._result: MotionResult | None = None
         self._last = (trajectory.q[0].copy(), np.zeros(trajectory.q.shape[1]))
@@ -184,15 +186,16 @@ class SimulatedMotion:
 
     def finish_if_done(self, q: Array, dq: Array) -> None:
         """End once the arm rests where the motion leads, or has had time to."""
+        self._still = self._still + 1 if float(np.abs(dq).max()) < REST_SPEED else 0
         if self._braking is not None:
-            if self._elapsed - self._braking[3] >= self._braking[2] and float(np.abs(dq).max()) < 0.02:
+            if self._elapsed - self._braking[3] >= self._braking[2] and self._still >= REST_STEPS:
                 self.end(False, "cancelled")
             return
         over = self._elapsed - self._trajectory.duration
         if over < 0:
             return
         error = float(np.abs(q - self._trajectory.q[-1]).max())
-        if error < GOAL_TOLERANCE and float(np.abs(dq).max()) < 0.02:
+        if error < GOAL_TOLERANCE and self._still >= REST_STEPS:
             self.end(True, "reached")
         elif over > SETTLE_TIME:
             self.end(False, f"not at the goal: {error:.3f} rad away (allowed {GOAL_TOLERANCE})")

@@ -53,7 +53,7 @@ def render(
     color = np.asarray(shot[2], dtype=np.uint8).reshape(*shape, 4)[..., :3].copy()
     buffer = np.asarray(shot[3], dtype=np.float64).reshape(shape)
     depth = far * near / (far - (far - near) * buffer)
-    return color, np.where(buffer < 1.0, depth, 0.0).astype(np.float32)
+    return color, np.where((depth < 0.999 * far) & (depth >= near), depth, 0.0).astype(np.float32)
 
 
 class SimulatedCamera:

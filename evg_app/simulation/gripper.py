@@ -90,6 +90,7 @@ class SimulatedGripper:
         width = float(np.clip(width, 0.0, self._world.robot_config.gripper.max_width_m))
         self._window = None
         self._drive(width, speed, MOVE_FORCE)
+        self._world.solve_finely(False)
         ended = self._run(width, timeout)
         return GripperResult(ended == "arrived", self._fingers()[0], "" if ended == "arrived" else ended)
 
@@ -98,6 +99,7 @@ class SimulatedGripper:
     ) -> GripperResult:
         """Close with `force` [N] until the fingers stop; success iff the opening is in the epsilon window [m]."""
         self._window = (width - epsilon_inner, width + epsilon_outer)
+        self._world.solve_finely(True)
         self._drive(0.0, speed, force)
         ended = self._run(0.0, timeout)
         final = self._fingers()[0]

@@ -17,6 +17,8 @@ from evg_app.geometry import Array
 from evg_app.simulation.meshes import load_parts, merged
 
 Split = Literal["train", "test"]
+FOLDER_MASS = (0.02, 1.0)
+"""Masses of a folder's objects are clamped to this range [kg]; many URDFs assume solid water."""
 ANY_SCENE = frozenset({"packed", "pile", "adversarial"})
 
 
@@ -115,6 +117,7 @@ def _read_urdf(urdf: Path) -> ObjectModel:
     x, y, z = mesh_extents(visual).tolist()
     if not 0.002 < max(x, y, z) < 1.0:
         raise BadInput(f"{visual}: {max(x, y, z):.3g} m long (allowed 0.002 to 1 m); are its units metres?")
+    kilograms = min(max(kilograms, FOLDER_MASS[0]), FOLDER_MASS[1])
     return ObjectModel(urdf.stem, urdf, collision, visual, kilograms, (x, y, z))
 
 
