@@ -1,31 +1,18 @@
 """Remove the robot's own links from a depth image."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.geometry import Array, transform_points
 from evg_app.perception.tsdf import Depth, checked_scale
-from evg_app.types import Intrinsics
+from evg_app.types import Capsule, Intrinsics
 
 PADDING = 0.03
 """How much every link is thickened before it is removed [m]: calibration, depth noise and flying pixels."""
 
-
-@dataclass(frozen=True)
-class Capsule:
-    """All points within `radius` of a segment; a sphere when both ends are equal.
-
-    Attributes:
-        p0, p1: ends of the segment in the base frame [m]. Shape (3,).
-        radius: [m].
-    """
-
-    p0: Array
-    p1: Array
-    radius: float
+__all__ = ["PADDING", "Capsule", "remove_links"]
 
 
 def remove_links(
