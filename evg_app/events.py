@@ -189,6 +189,7 @@ class Evidence:
         gripper_success: the device's own verdict on closing.
         is_grasped_lifted, is_grasped_release: the device's own flag.
         in_bin_before, in_bin_after: the referee's counts.
+        contact: contact stopped the approach.
     """
 
     width_closed: float | None = None
@@ -199,6 +200,7 @@ class Evidence:
     is_grasped_release: bool | None = None
     in_bin_before: int | None = None
     in_bin_after: int | None = None
+    contact: bool | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,6 +148,8 @@ class Settings:
         slice_s: length of one wait slice [s].
         motion_slack: a motion may take its duration times this, plus `motion_grace_s` [s].
         contact_slices: slices in a row above the contact limit that cancel an approach.
+        close_after_contact: close where contact stopped the approach, as the paper does (spec §6.2, §7.3);
+            otherwise such an approach has failed and the arm backs out.
         at_pose_rad: the arm counts as being at a pose within this [rad].
         rest_rad_s: the arm is at rest below this joint speed [rad/s].
         rest_timeout_s: how long to wait for rest [s].
@@ -164,6 +166,7 @@ class Settings:
     motion_slack: float = 1.5
     motion_grace_s: float = 5.0
     contact_slices: int = 2
+    close_after_contact: bool = False
     at_pose_rad: float = 0.02
     rest_rad_s: float = 0.02
     rest_timeout_s: float = 3.0

@@ -17,6 +17,9 @@ CANCEL_TIMEOUT = 2.0
 OPEN_MARGIN = 0.004
 """The gripper counts as open within this of its widest opening [m]."""
 
+CONTACT = "contact"
+"""How the reason of a motion starts that contact ended."""
+
 Guard = Callable[[], str]
 """Looks at the arm during a motion; a reason to cancel it, or empty."""
 
@@ -33,7 +36,7 @@ def contact_guard(arm: Arm, limit: float, slices: int) -> Guard:
         nonlocal above
         force = float(np.linalg.norm(arm.state().wrench[:3] - start))
         above = above + 1 if force > limit else 0
-        return f"contact of {force:.0f} N (limit {limit:g} N)" if above >= slices else ""
+        return f"{CONTACT} of {force:.0f} N (limit {limit:g} N)" if above >= slices else ""
 
     return look
 

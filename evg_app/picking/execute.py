@@ -7,7 +7,16 @@ import numpy as np
 from evg_app.events import Verified
 from evg_app.geometry import Array
 from evg_app.picking.context import ReadyPick
-from evg_app.picking.devices import at, backwards, close_gripper, contact_guard, follow, go_to, open_gripper
+from evg_app.picking.devices import (
+    CONTACT,
+    at,
+    backwards,
+    close_gripper,
+    contact_guard,
+    follow,
+    go_to,
+    open_gripper,
+)
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome, State
 from evg_app.picking.verify import held
@@ -38,7 +47,10 @@ def approach(round_: Round) -> Moved:
     attempt = round_.now
     attempt.stage = State.APPROACH
     guard = contact_guard(ctx.devices.arm, ctx.robot.contact_force_n, ctx.settings.contact_slices)
-    return _ended(round_, follow(round_, State.APPROACH, ready(round_).approach, guard))
+    result = follow(round_, State.APPROACH, ready(round_).approach, guard)
+    touched = not result.reached and result.reason.startswith(CONTACT)
+    attempt.note(contact=touched)
+    return Outcome.OK if touched and ctx.settings.close_after_contact else _ended(round_, result)
 
 
 def close(round_: Round) -> Literal[Outcome.OK]:
@@ -51,7 +63,11 @@ def close(round_: Round) -> Literal[Outcome.OK]:
 
 def lift(round_: Round) -> Moved:
     """Up, whether or not the fingers closed on something: only the lift tells."""
-    return _along(round_, State.LIFT, ready(round_).lift)
+    path = ready(round_).lift
+    if at(round_, path.q[0]):
+        return _along(round_, State.LIFT, path)
+    round_.now.stage = State.LIFT
+    return _ended(round_, go_to(round_, State.LIFT, path.q[-1], around_scene=False))
 
 
 def drop(round_: Round) -> Moved:

@@ -89,7 +89,7 @@ def _failure(attempt: Attempt, truth: bool | None) -> str:
     if attempt.fault:
         return "device error"
     if not attempt.closed:
-        return "contact on approach" if attempt.blocked.startswith("contact") else "motion aborted"
+        return "contact on approach" if attempt.evidence.contact else "motion aborted"
     if not attempt.held_lifted:
         return "nothing held after lift"
     if not attempt.held_release:

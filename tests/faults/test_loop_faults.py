@@ -6,6 +6,7 @@ from picking_fakes import DROP, LOOK, OBJECT_WIDTH, Lab, once, pose, reflex, ref
 
 from evg_app.errors import DeviceTimeout, Stopped
 from evg_app.events import AttemptFinished, RoundFinished, RunFinished, StateEntered
+from evg_app.picking.context import Settings
 from evg_app.picking.states import State
 from evg_app.types import Grasps, MotionResult
 
@@ -75,6 +76,18 @@ def test_contact_on_the_approach_cancels_it_and_counts_as_a_failure():
     assert [f.failure for f in lab.of(AttemptFinished)] == ["contact on approach"] * 2
     assert lab.arm.cancels == 2 and "grasp" not in lab.gripper.commands
     assert np.allclose(lab.arm.q, pose(LOOK), atol=0.05)
+
+
+def test_when_asked_to_the_gripper_closes_where_contact_stopped_the_approach():
+    lab = Lab(script="SS", objects=1, settings=Settings(close_after_contact=True))
+
+    def touch(handle):
+        lab.arm.wrench = np.array([0.0, 0.0, 60.0 if handle.t > 0.1 else 0.0, 0.0, 0.0, 0.0])
+
+    lab.arm.during["approach"] = touch
+    assert lab.run().rounds[0].successes == 1
+    assert lab.of(AttemptFinished)[0].evidence.contact is True and lab.arm.cancels == 1
+    assert lab.states[5:8] == ["approach", "close", "lift"]
 
 
 def test_a_steady_wrench_from_payload_is_not_contact():
