@@ -5,6 +5,7 @@ same numbers read (c1, s1, c2, s2, c3, s3): three planar vectors that turn with 
 """
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 
@@ -23,27 +24,23 @@ def to_rows(rotation: Tensor) -> Tensor:
     return rotation[..., :2, :].flatten(-2)
 
 
-def from_rows(rows: Tensor, eps: float = 1e-12) -> Tensor:
+def from_rows(rows: Tensor, eps: float = 1e-10) -> Tensor:
     """Nearest rotation to six numbers in row order (polar factor of the 2x3 block). (..., 6) -> (..., 3, 3).
 
-    For A = [r1; r2]: rows (A A^T)^(-1/2) A in closed form, third row r1 x r2. Unlike row-wise
-    Gram-Schmidt this commutes with turns of the scene, A -> G A (spec item 0.4). For the 2x2 matrix
-    M = A A^T with s = sqrt(det M) and t = sqrt(tr M + 2 s): M^(-1/2) = adj(M + s I) / (s t).
+    With n the unit normal of the rows r1, r2, the polar factor (A A^T)^(-1/2) A has the rows
+    e1 = (r1 + r2 x n) / |r1 + r2 x n| and e2 = n x e1: as the inverse square root of the 2x2 matrix
+    A A^T, but without its cancellations. Unlike row-wise Gram-Schmidt this commutes with turns of
+    the scene, A -> G A (spec item 0.4).
 
     Args:
         rows: any six numbers; parallel rows have no nearest rotation and give a finite, not orthonormal result.
-        eps: floor of det M relative to (tr M)^2, keeps values and gradients finite.
+        eps: floor of the lengths divided by, keeps values and gradients finite.
     """
     r1, r2 = rows[..., :3], rows[..., 3:]
-    m11, m12, m22 = (r1 * r1).sum(-1), (r1 * r2).sum(-1), (r2 * r2).sum(-1)
-    trace = m11 + m22
-    normal = torch.linalg.cross(r1, r2)
-    s = ((normal * normal).sum(-1) + eps * trace**2 + 1e-30).sqrt()
-    t = (trace + 2.0 * s).sqrt()
-    scale = (1.0 / (s * t))[..., None]
-    row1 = ((m22 + s)[..., None] * r1 - m12[..., None] * r2) * scale
-    row2 = ((m11 + s)[..., None] * r2 - m12[..., None] * r1) * scale
-    return torch.stack([row1, row2, torch.linalg.cross(row1, row2)], -2)
+    normal = F.normalize(torch.linalg.cross(r1, r2), dim=-1, eps=eps)
+    e1 = F.normalize(r1 + torch.linalg.cross(r2, normal), dim=-1, eps=eps)
+    e2 = torch.linalg.cross(normal, e1)
+    return torch.stack([e1, e2, torch.linalg.cross(e1, e2)], -2)
 
 
 def flip(rotation: Tensor) -> Tensor:
