@@ -13,6 +13,8 @@ from evg_app.types import Intrinsics
 
 TABLE_HALF_SIZE = 0.6
 """Half side of the drawn table, centred below the workspace [m]."""
+_BAND = 32
+"""Rows cast at a time: small arrays stay in the cache."""
 
 
 class SceneCaster:
@@ -36,9 +38,13 @@ class SceneCaster:
 
     def depth(self, intrinsics: Intrinsics, T_task_cam: Array) -> NDArray[np.float32]:
         """Depth image along the optical axis [m], 0 where nothing is in range. Shape (H, W)."""
-        v, u = np.mgrid[: intrinsics.height, : intrinsics.width]
-        pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-        return self.depth_at(intrinsics, T_task_cam, pixels).reshape(intrinsics.height, intrinsics.width)
+        image = np.empty((intrinsics.height, intrinsics.width), dtype=np.float32)
+        for top in range(0, intrinsics.height, _BAND):
+            band = image[top : top + _BAND]
+            v, u = np.mgrid[top : top + len(band), : intrinsics.width]
+            pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+            band[:] = self.depth_at(intrinsics, T_task_cam, pixels).reshape(band.shape)
+        return image
 
     def depth_at(self, intrinsics: Intrinsics, T_task_cam: Array, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
         """Depth [m] of some pixels (N, 2), given as (column, row); 0 where nothing is in range. Shape (N,)."""

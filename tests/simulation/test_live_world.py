@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from evg_app.clock import WallClock
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.config.models import RobotConfig
 from evg_app.errors import BadInput, DeviceTimeout, HardwareError, Refused
@@ -84,6 +85,11 @@ def joints_for(T_base_hand: Array, robot: RobotConfig = ROBOT) -> Array:
         client.disconnect()
 
 
+def in_hand(world: SimWorld, thing: PlacedObject) -> Array:
+    """T_hand_object now."""
+    return invert(world.T_base_hand()) @ world.T_base_task @ thing.T_task_object(world.client, world.T_base_task)
+
+
 def above(x: float, y: float, tip_z: float) -> Array:
     """Hand pose with the fingers pointing down, closing along base y, tips at height `tip_z` [m]."""
     T_base_grasp = translation(x, y, tip_z + 0.05) @ rotation_about("x", np.pi)
@@ -144,10 +150,8 @@ def test_trajectory_is_tracked_within_a_hundredth_of_a_radian(lab):
     start, handle, worst = lab.clock.now(), lab.arm.execute(trajectory), 0.0
     assert lab.arm.state().mode is ArmMode.MOVING
     while (result := handle.wait(TIME_STEP)) is None:
-        x = min((lab.clock.now() - start) / trajectory.dt, len(trajectory.q) - 1)
-        wanted = trajectory.q[int(x)] + (x - int(x)) * (
-            trajectory.q[min(int(x) + 1, len(trajectory.q) - 1)] - trajectory.q[int(x)]
-        )
+        times = np.arange(len(trajectory.q)) * trajectory.dt
+        wanted = np.array([np.interp(lab.clock.now() - start, times, column) for column in trajectory.q.T])
         worst = max(worst, float(np.abs(lab.arm.state().q - wanted).max()))
     assert worst < TRACKING_RAD
     assert result.reached and result.goal_error < GOAL_TOLERANCE
@@ -246,18 +250,10 @@ def test_friction_alone_holds_an_object_while_it_is_lifted_carried_and_dropped(l
     assert grasp.success and grasp.width > 0.005
     assert lab.gripper.state().is_grasped
     assert lab.go(joints_for(above(0.5, 0.0, tip_z + 0.15)), 1.0).reached
-    T_hand_lifted = (
-        invert(lab.world.T_base_hand())
-        @ lab.world.T_base_task
-        @ thing.T_task_object(lab.world.client, lab.world.T_base_task)
-    )
+    T_hand_lifted = in_hand(lab.world, thing)
     assert lab.arm.state().wrench[2] == pytest.approx(-9.81 * model.mass, rel=WEIGHT_TOLERANCE)
     assert lab.go(np.array(ROBOT.drop.q_rad), 1.5).reached
-    T_hand_carried = (
-        invert(lab.world.T_base_hand())
-        @ lab.world.T_base_task
-        @ thing.T_task_object(lab.world.client, lab.world.T_base_task)
-    )
+    T_hand_carried = in_hand(lab.world, thing)
     assert np.linalg.norm(T_hand_carried[:3, 3] - T_hand_lifted[:3, 3]) < HOLD_SLIP_M
     assert lab.world.truth().in_bin == ()
     assert lab.gripper.move(0.08, 0.1, 3.0).success
@@ -295,8 +291,6 @@ def test_spectator_sees_the_lab(lab):
 
 def test_speed_paces_the_world():
     world = SimWorld(ROBOT, load_world("packed"), builtin_objects("test"), speed=4.0)
-    from evg_app.clock import WallClock
-
     wall = WallClock()
     world.step(1)
     start = wall.now()
