@@ -1,15 +1,17 @@
 """Self-collision (coal on the primitive model) and arm against scene (spheres against a distance field)."""
 
+from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import collision_urdf, resolve
 from evg_app.geometry import Array
-from evg_app.motion.kinematics import Kinematics, load_arm
+from evg_app.motion.kinematics import Flags, Kinematics, load_arm, primitives
 from evg_app.motion.scene import Scene
 from evg_app.motion.spheres import SphereBody
 
@@ -22,11 +24,12 @@ TABLE_MARGIN = 0.005
 FREE_FRAMES = 2
 """Frames below this (base and link 1) stand on the table and are not checked against it."""
 
-Flags = NDArray[np.bool_]
-
 
 class SelfCollision:
-    """The primitive collision model with the pairs that the SRDF leaves on."""
+    """The primitive collision model as capsules, with the pairs that the SRDF leaves on.
+
+    Each cylinder with a sphere at both ends is one capsule: 13 bodies for the Panda's 39 primitives.
+    """
 
     def __init__(self, robot: RobotConfig) -> None:
         """Load the model.
@@ -34,15 +37,23 @@ class SelfCollision:
         Raises:
             BadInput: URDF or SRDF are missing or do not fit the config.
         """
-        self._model, self._geometry = load_arm(robot, collision_urdf(resolve(robot.urdf)))
-        self._geometry.addAllCollisionPairs()
-        pin.removeCollisionPairs(self._model, self._geometry, str(resolve(robot.srdf)))
+        self._model, whole = load_arm(robot, collision_urdf(resolve(robot.urdf)))
+        whole.addAllCollisionPairs()
+        pin.removeCollisionPairs(self._model, whole, str(resolve(robot.srdf)))
+        names = [_link(item.name) for item in whole.geometryObjects]
+        allowed = {frozenset((names[p.first], names[p.second])) for p in whole.collisionPairs}
+        self._geometry = pin.GeometryModel()
+        bodies = [self._geometry.addGeometryObject(_capsule(*body)) for body in primitives(robot)]
+        links = [_link(self._geometry.geometryObjects[body].name) for body in bodies]
+        for i, j in combinations(bodies, 2):
+            if frozenset((links[i], links[j])) in allowed and links[i] != links[j]:
+                self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._data, self._geometry_data = self._model.createData(), self._geometry.createData()
 
-    def pairs(self) -> list[tuple[str, str]]:
-        """Names of the geometry pairs that are checked."""
-        objects = self._geometry.geometryObjects
-        return [(objects[p.first].name, objects[p.second].name) for p in self._geometry.collisionPairs]
+    def pairs(self) -> set[frozenset[str]]:
+        """The pairs of links that are checked."""
+        names = [_link(item.name) for item in self._geometry.geometryObjects]
+        return {frozenset((names[p.first], names[p.second])) for p in self._geometry.collisionPairs}
 
     def collides(self, q: Array) -> bool:
         """Whether the arm touches itself at q (7,)."""
@@ -53,55 +64,107 @@ class SelfCollision:
         return any(self.collides(row) for row in q)
 
 
+def _link(geometry_name: str) -> str:
+    return geometry_name.rsplit("_", 1)[0]
+
+
+def _capsule(name: str, frame: int, p0: Array, p1: Array, radius: float) -> Any:
+    """A coal capsule between two points of a joint's frame."""
+    axis = p1 - p0
+    length = float(np.linalg.norm(axis))
+    z = axis / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    placement = pin.SE3(np.stack([x, np.cross(z, x), z], axis=1), (p0 + p1) / 2)
+    shape = coal.Capsule(radius, length)
+    return pin.GeometryObject(f"{name}_{p0[2]:.3f}", frame, placement, shape)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """The run of spheres of one link, and a sphere around them all in the link's frame."""
+
+    spheres: slice
+    frame: int
+    center: Array
+    radius: float
+    gripper: bool
+    on_table: bool
+
+
 class ArmChecker:
-    """Arm and open gripper against a prepared scene, many configurations at once."""
+    """Arm and open gripper against a prepared scene, many configurations at once.
+
+    A link's spheres are looked at only where the sphere around the whole link comes near something.
+    """
 
     def __init__(self, kinematics: Kinematics, body: SphereBody, self_collision: SelfCollision) -> None:
         self.kinematics, self.body, self.self_collision = kinematics, body, self_collision
-        self._above_base = body.frame >= FREE_FRAMES
+        self._links = _links(body)
+        self._on_table = body.frame < FREE_FRAMES
 
     def centers(self, q: Array) -> Array:
         """Sphere centres in the base frame. Shapes (N, 7) -> (N, S, 3) [m]."""
         return self.body.place(self.kinematics.frames(q))
 
-    def hits_scene(self, q: Array, scene: Scene, gripper: bool = True) -> Flags:
+    def hits_scene(self, q: Array, scene: Scene, gripper: bool = True, radius: Array | None = None) -> Flags:
         """Which configurations (N, 7) touch table, declared boxes or observed voxels. Shape (N,).
 
         Args:
             q: shape (N, 7).
             scene: prepared scene.
             gripper: whether hand and fingers are checked too; on the last leg they are checked more finely.
+            radius: replaces the spheres' own radii [m]. Shape (S,).
         """
-        return self.centers_hit(self.centers(q), scene, gripper)
-
-    def centers_hit(self, centers: Array, scene: Scene, gripper: bool = True, radius: Array | None = None) -> Flags:
-        """Like `hits_scene` for sphere centres (N, S, 3); `radius` (S,) [m] replaces the spheres' own."""
+        frames = self.kinematics.frames(q)
         radius = self.body.radius if radius is None else radius
-        if gripper:
-            return np.asarray((self.clearance(centers, scene) < radius).any(axis=1))
-        arm = ~self.body.gripper
-        return np.asarray((self._clearance(centers[:, arm], scene, self._above_base[arm]) < radius[arm]).any(axis=1))
+        hits = np.zeros(len(q), dtype=np.bool_)
+        for link in self._links:
+            if link.gripper and not gripper:
+                continue
+            R, p = frames[:, link.frame, :3, :3], frames[:, link.frame, :3, 3]
+            around = _clearance(R @ link.center + p, scene, np.bool_(link.on_table))
+            near = np.flatnonzero((around < link.radius) & ~hits)
+            if len(near) == 0:
+                continue
+            centers = self.body.center[link.spheres] @ R[near].transpose(0, 2, 1) + p[near, None]
+            clearance = _clearance(centers, scene, self._on_table[link.spheres])
+            hits[near] |= (clearance < radius[link.spheres]).any(axis=1)
+        return hits
 
-    def clearance(self, centers: Array, scene: Scene) -> Array:
-        """Distance [m] of sphere centres (N, S, 3) to whatever is nearest, margins taken off. Shape (N, S)."""
-        return self._clearance(centers, scene, self._above_base)
-
-    def _clearance(self, p: Array, scene: Scene, above_base: Flags) -> Array:
-        clearance = scene.boxes.distance(p) - BOX_MARGIN
-        if scene.field is not None:
-            np.minimum(clearance, scene.field.at(p) - FIELD_MARGIN, out=clearance)
-        table = np.where(above_base, scene.table.height(p) - TABLE_MARGIN, np.inf)
-        return np.minimum(clearance, table)
+    def clearance(self, q: Array, scene: Scene) -> Array:
+        """Distance [m] of every sphere's centre at q (7,) to whatever is nearest, margins taken off. Shape (S,)."""
+        return _clearance(self.centers(q[None])[0], scene, self._on_table)
 
     def what_is_hit(self, q: Array, scene: Scene) -> str:
         """Which link at q (7,) touches what, in words."""
-        p = self.centers(q[None])
-        excess = self.body.radius - self.clearance(p, scene)[0]
-        worst = int(np.argmax(excess))
-        point = p[0, worst]
+        worst = int(np.argmax(self.body.radius - self.clearance(q, scene)))
+        point = self.centers(q[None])[0, worst]
         distances = {
             "a declared box": float(scene.boxes.distance(point)) - BOX_MARGIN,
             "the table": float(scene.table.height(point)) - TABLE_MARGIN,
             "the observed scene": float(scene.field.at(point)) - FIELD_MARGIN if scene.field is not None else np.inf,
         }
         return f"{min(distances, key=lambda name: distances[name])} with {self.body.names[worst]}"
+
+
+def _clearance(p: Array, scene: Scene, on_table: Flags | np.bool_) -> Array:
+    """Distance [m] of points (..., S, 3) to the scene, margins taken off; `on_table` (S,) ones may touch the table."""
+    clearance = scene.boxes.distance(p) - BOX_MARGIN
+    if scene.field is not None:
+        np.minimum(clearance, scene.field.at(p) - FIELD_MARGIN, out=clearance)
+    table = np.where(on_table, np.inf, scene.table.height(p) - TABLE_MARGIN)
+    return np.minimum(clearance, table)
+
+
+def _links(body: SphereBody) -> list[_Link]:
+    links = []
+    for name in dict.fromkeys(body.names):
+        rows = np.flatnonzero(np.array(body.names) == name)
+        part = slice(int(rows[0]), int(rows[-1]) + 1)
+        center = (body.center[part].min(axis=0) + body.center[part].max(axis=0)) / 2
+        radius = float((np.linalg.norm(body.center[part] - center, axis=1) + body.radius[part]).max())
+        frame = int(body.frame[rows[0]])
+        links.append(_Link(part, frame, center, radius, bool(body.gripper[rows[0]]), frame < FREE_FRAMES))
+    return links

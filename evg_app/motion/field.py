@@ -39,13 +39,17 @@ class DistanceField:
 
     def at(self, points: Array) -> Array:
         """Distances [m] of points (..., 3) [m, base frame]. Shape (...)."""
-        grid = (points - self._origin) / self._voxel - 0.5
-        index = np.clip(np.rint(grid), 0, self._top).astype(np.intp)
-        inside = self._distance[index[..., 0], index[..., 1], index[..., 2]].astype(np.float64)
-        beyond = grid - np.clip(grid, 0, self._top)
-        square = (beyond * beyond).sum(axis=-1) * self._voxel**2
-        far: Array = np.sqrt(inside * inside + square) if square.any() else inside
-        return far
+        index, square = [], np.zeros(points.shape[:-1])
+        for axis in range(3):
+            grid = points[..., axis] * (1.0 / self._voxel)
+            grid -= self._origin[axis] / self._voxel + 0.5
+            nearest = np.clip(grid, 0.0, self._top[axis])
+            grid -= nearest
+            grid *= grid
+            square += grid
+            index.append(np.rint(nearest).astype(np.intp))
+        inside = self._distance[index[0], index[1], index[2]].astype(np.float64)
+        return np.asarray(np.sqrt(inside * inside + square * self._voxel**2))
 
 
 def _cropped(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
@@ -56,9 +60,3 @@ def _cropped(occupied: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np
         low.append(max(int(used[0]) - PADDING, 0) if len(used) else 0)
         high.append(min(int(used[-1]) + PADDING + 1, occupied.shape[axis]) if len(used) else 1)
     return occupied[tuple(slice(a, b) for a, b in zip(low, high, strict=True))], np.array(low)
-
-
-def occupied_centers(volume: CollisionVolume) -> Array:
-    """Centres of the occupied voxels in the base frame [m]. Shape (P, 3)."""
-    centers: Array = volume.origin + (np.argwhere(volume.occupied) + 0.5) * volume.voxel_size
-    return centers

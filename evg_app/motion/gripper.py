@@ -5,6 +5,7 @@ space between the open fingers belongs to no box: the target may be there.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,7 @@ def gripper_boxes(meshes: Any, robot: RobotConfig, T_7_hand: Array) -> GripperBo
         which = 0.0 if name == robot.hand_link else float(np.sign(p[:, 1].mean()))
         p[:, 1] -= which * robot.gripper.max_width_m / 2
         edges = np.linspace(p[:, 2].min(), p[:, 2].max(), SLABS + 1)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges.tolist()):
             slab = p[(p[:, 2] >= a - 0.0015) & (p[:, 2] <= b + 0.0015)]
             low.append([*slab[:, :2].min(axis=0), a])
             high.append([*slab[:, :2].max(axis=0), b])

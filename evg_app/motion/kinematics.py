@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import collision_urdf, package_folder, resolve
@@ -13,6 +14,9 @@ from evg_app.errors import BadInput
 from evg_app.geometry import Array, invert
 from evg_app.motion.franka_ik import BRANCHES, FrankaGeometry, solve
 from evg_app.types import Capsule
+
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
 Q7_SAMPLES = 36
 """Values of the free joint q7 that inverse kinematics tries."""
@@ -34,7 +38,7 @@ class IkSolutions:
     """
 
     q: Array
-    branch: Array
+    branch: Integers
     cost: Array
     any_without_limits: bool
 
@@ -84,7 +88,7 @@ class Kinematics:
         self.middle: Array = (self.lower + self.upper) / 2
         self.speed: Array = np.asarray(robot.limits.velocity_rad_s) * robot.limits.velocity_scale
         self._placements = self.geometry.placements()
-        self._primitives = _primitives(robot)
+        self._primitives = primitives(robot)
 
     def frames(self, q: Array) -> Array:
         """Frames of the base and the seven joints in the base frame. Shapes (N, 7) -> (N, 8, 4, 4)."""
@@ -106,16 +110,14 @@ class Kinematics:
         T: Array = self.frames(np.atleast_2d(q))[:, 7] @ self.geometry.T_7_hand
         return T[0] if q.ndim == 1 else T
 
-    def inside_limits(self, q: Array) -> Array:
+    def inside_limits(self, q: Array) -> Flags:
         """Whether configurations (..., 7) are inside the joint limits minus the margin; False for NaN. Shape (...)."""
-        inside: Array = ((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)).all(axis=-1)
-        return inside
+        return np.asarray(((q >= self.lower - 1e-9) & (q <= self.upper + 1e-9)).all(axis=-1))
 
-    def possible(self, q: Array) -> Array:
+    def possible(self, q: Array) -> Flags:
         """Whether configurations (..., 7) are inside the URDF's joint limits, without margin. Shape (...)."""
         margin = self.robot.limits.position_margin_rad
-        inside: Array = ((q >= self.lower - margin) & (q <= self.upper + margin)).all(axis=-1)
-        return inside
+        return np.asarray(((q >= self.lower - margin - 1e-9) & (q <= self.upper + margin + 1e-9)).all(axis=-1))
 
     def wrap(self, q: Array) -> Array:
         """Angles turned by multiples of 2 pi to be nearest to the middle of their joint's range. Shape (..., 7)."""
@@ -127,7 +129,7 @@ class Kinematics:
         return self.wrap(solve(self.geometry, T_base_hand, q7))
 
     def cost(self, q: Array, reference: Array) -> Array:
-        """Time of the slowest joint from `reference` (7,) at full speed, plus a penalty near limits [s]. Shape (...)."""
+        """Time of the slowest joint from `reference` (7,) at full speed, plus a penalty near limits [s]. (...)."""
         travel = (np.abs(q - reference) / self.speed).max(axis=-1)
         closeness = np.abs(2 * (q - self.middle) / (self.upper - self.lower)).max(axis=-1)
         cost: Array = travel + LIMIT_WEIGHT * closeness**4
@@ -165,7 +167,7 @@ class Kinematics:
         found = self.search(T_base_hand, np.asarray(seed_q, dtype=np.float64)).q
         return found[0] if len(found) else None
 
-    def follow(self, T_base_hand: Array, q7: Array, branch: Array) -> Array:
+    def follow(self, T_base_hand: Array, q7: Array, branch: Integers) -> Array:
         """Configurations along poses (K, 4, 4) with q7 and branch (C,) held. NaN where none. Shape (C, K, 7)."""
         K, C = len(T_base_hand), len(q7)
         poses = np.broadcast_to(T_base_hand, (C, K, 4, 4)).reshape(-1, 4, 4)
@@ -187,8 +189,8 @@ def _franka_geometry(model: Any, robot: RobotConfig) -> FrankaGeometry:
     T = [np.asarray(model.jointPlacements[j + 1].homogeneous) for j in range(model.njoints - 1)]
     hand = model.frames[model.getFrameId(robot.hand_link)]
     if len(T) == 7 and all(model.joints[j + 1].shortname() == "JointModelRZ" for j in range(7)):
-        lengths = (T[0][2, 3], -T[2][1, 3], T[3][0, 3], T[4][1, 3], T[6][0, 3])
-        geometry = FrankaGeometry(*map(float, lengths), np.asarray(hand.placement.homogeneous))
+        d1, d3, a4, d5, a7 = (float(x) for x in (T[0][2, 3], -T[2][1, 3], T[3][0, 3], T[4][1, 3], T[6][0, 3]))
+        geometry = FrankaGeometry(d1, d3, a4, d5, a7, np.asarray(hand.placement.homogeneous))
         if np.abs(np.stack(T) - geometry.placements()).max() < GEOMETRY_TOLERANCE and hand.parentJoint == 7:
             return geometry
     raise BadInput(
@@ -197,9 +199,10 @@ def _franka_geometry(model: Any, robot: RobotConfig) -> FrankaGeometry:
 
 
 Primitive = tuple[str, int, Array, Array, float]
+"""A capsule fixed to a joint's frame: link, frame, both ends and radius [m]."""
 
 
-def _primitives(robot: RobotConfig) -> list[Primitive]:
+def primitives(robot: RobotConfig) -> list[Primitive]:
     """Spheres and cylinders (as capsules) of the collision model; spheres that end a capsule are dropped."""
     _, geometry = load_arm(robot, collision_urdf(resolve(robot.urdf)))
     capsules: list[Primitive] = []

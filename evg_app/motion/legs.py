@@ -1,4 +1,4 @@
-"""The straight parts of a pick: joint configurations for approach and lift, over the arm's redundancy and both flips."""
+"""The straight parts of a pick, approach and lift, over the arm's redundancy and both antipodal flips."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from evg_app.config.models import RobotConfig
 from evg_app.geometry import T_GRASP_FLIPPED, Array
 from evg_app.motion.collision import ArmChecker
-from evg_app.motion.kinematics import hand_of_grasp
+from evg_app.motion.kinematics import Integers, hand_of_grasp
 from evg_app.motion.path import JointPath, bezier_lift, through
 from evg_app.motion.scene import Scene
 from evg_app.types import Verdict
@@ -49,8 +49,8 @@ class _Candidates:
     """Configurations at the grasp: q (K, 7), branch, flip and cost (K,)."""
 
     q: Array
-    branch: Array
-    flip: Array
+    branch: Integers
+    flip: Integers
     cost: Array
 
 
@@ -89,11 +89,10 @@ def find_legs(
     clear = ~checker.hits_scene(candidates.q, scene, gripper=False)
     if not clear.any():
         return Verdict.ARM_COLLISION
-    legs = _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)))
-    return legs
+    return _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)))
 
 
-def _only(c: _Candidates, rows: Array) -> _Candidates:
+def _only(c: _Candidates, rows: Integers) -> _Candidates:
     return _Candidates(c.q[rows], c.branch[rows], c.flip[rows], c.cost[rows])
 
 

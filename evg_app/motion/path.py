@@ -114,5 +114,5 @@ def bezier_lift(start: Array, approach: Array, height: float, back_off: float, c
         return start + (end - start) * t
     # Degree three with both inner points at the corner: tangent to both legs, without a corner.
     weights = ((1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t * t * (1 - t), t**3)
-    curve: Array = sum(w * p for w, p in zip(weights, (start, corner, corner, end), strict=True))
+    curve: Array = weights[0] * start + (weights[1] + weights[2]) * corner + weights[3] * end
     return curve

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Router:
 
     def check(self, scene: Scene, q_start: Array, gripper: bool = True) -> Check:
         """A check that lets the arm leave where it is."""
-        clearance = self.checker.clearance(self.checker.centers(q_start[None]), scene)[0]
+        clearance = self.checker.clearance(q_start, scene)
         radius = np.minimum(self.checker.body.radius, np.maximum(clearance - 1e-3, 0.0))
         return Check(scene, gripper, radius)
 
@@ -57,20 +58,16 @@ class Router:
     def is_free(self, path: JointPath, check: Check) -> bool:
         """Whether the whole path is inside the joint limits and free of collision at `CHECK_STEP` spacing."""
         q = path.even(COARSE)
-        centers = self.checker.centers(q)
-        if not self._free(q, centers, check):
+        if not self._free(q, check):
             return False
-        step = float(np.linalg.norm(np.diff(centers, axis=0), axis=2).max())
-        finer = int(np.ceil(step / CHECK_STEP))
-        if finer <= 1:
-            return True
-        q = path.even((COARSE - 1) * finer + 1)
-        return self._free(q, self.checker.centers(q), check)
+        moved = np.diff(self.checker.centers(q), axis=0)
+        finer = int(np.ceil(np.sqrt(np.einsum("nsi,nsi->ns", moved, moved).max()) / CHECK_STEP))
+        return finer <= 1 or self._free(path.even((COARSE - 1) * finer + 1), check)
 
-    def _free(self, q: Array, centers: Array, check: Check) -> bool:
+    def _free(self, q: Array, check: Check) -> bool:
         if not self.checker.kinematics.possible(q).all():
             return False
-        if self.checker.centers_hit(centers, check.scene, check.gripper, check.radius).any():
+        if self.checker.hits_scene(q, check.scene, check.gripper, check.radius).any():
             return False
         return not self.checker.self_collision.any_collides(q)
 
@@ -99,7 +96,7 @@ class Router:
             ups.append([up_a, up_b])
         for middle in ups + [[via] for via in self.via]:
             waypoints = [a, *middle, b]
-            if all(edge_free(p, q) for p, q in zip(waypoints[:-1], waypoints[1:], strict=True)):
+            if all(edge_free(p, q) for p, q in pairwise(waypoints)):
                 yield np.stack(waypoints)
         if not search:
             return

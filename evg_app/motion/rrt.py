@@ -1,4 +1,4 @@
-"""RRT-Connect in joint space: seeded, bounded by iterations and never by the clock, so equal inputs give equal paths."""
+"""RRT-Connect in joint space: seeded, and bounded by iterations instead of time, so equal inputs give equal paths."""
 
 from collections.abc import Callable
 

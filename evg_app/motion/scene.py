@@ -6,7 +6,7 @@ import numpy as np
 
 from evg_app.config.models import RobotConfig
 from evg_app.geometry import TABLE_HEIGHT, Array, transform_points
-from evg_app.motion.field import DistanceField, occupied_centers
+from evg_app.motion.field import DistanceField
 from evg_app.types import Box, Capsule, CollisionVolume, TsdfGrid
 
 TABLE_BAND = 0.006
@@ -61,9 +61,15 @@ class Boxes:
         """Distance [m] of points (..., 3) to the nearest box, 0 inside, infinite without boxes. Shape (...)."""
         nearest = np.full(points.shape[:-1], np.inf)
         for center, half in zip(self.center, self.half, strict=True):
-            beyond = np.maximum(np.abs(points - center) - half, 0.0)
-            np.minimum(nearest, np.sqrt((beyond * beyond).sum(axis=-1)), out=nearest)
-        return nearest
+            square = np.zeros(points.shape[:-1])
+            for axis in range(3):
+                beyond = np.abs(points[..., axis] - center[axis])
+                beyond -= half[axis]
+                np.maximum(beyond, 0.0, out=beyond)
+                beyond *= beyond
+                square += beyond
+            np.minimum(nearest, square, out=nearest)
+        return np.asarray(np.sqrt(nearest))
 
 
 @dataclass(frozen=True)
@@ -105,17 +111,21 @@ def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
     """Build the points and the distance field; `arm` are the links where the arm is now."""
     T_base_task, table = robot.T_base_task.matrix(), table_plane(robot)
     volume = view.volume
-    centers = occupied_centers(volume)
-    keep = (table.height(centers) > TABLE_BAND + volume.voxel_size / 2) & ~_near(centers, arm)
+    index = np.argwhere(volume.occupied)
+    centers = volume.origin + (index + 0.5) * volume.voxel_size
+    raised = table.height(centers) > TABLE_BAND + volume.voxel_size / 2
+    index, centers = index[raised], centers[raised]
+    real = ~_near(centers, arm)
+    index, centers = index[real], centers[real]
     occupied = np.zeros_like(volume.occupied)
-    occupied[tuple(np.argwhere(volume.occupied)[keep].T)] = True
-    in_task = (centers[keep] - T_base_task[:3, 3]) @ T_base_task[:3, :3]
+    occupied[tuple(index.T)] = True
+    in_task = (centers - T_base_task[:3, 3]) @ T_base_task[:3, :3]
     outside = ((in_task < 0) | (in_task > view.tsdf.size)).any(axis=1)
     surface = transform_points(T_base_task, surface_points(view.tsdf))
     surface = surface[table.height(surface) > TABLE_BAND]
     boxes = Boxes.of((*declared_boxes(robot), *view.boxes))
     field = DistanceField(occupied, volume.origin, volume.voxel_size)
-    return Scene(np.concatenate([surface, centers[keep][outside]]), field, boxes, table)
+    return Scene(np.concatenate([surface, centers[outside]]), field, boxes, table)
 
 
 def surface_points(grid: TsdfGrid) -> Array:
@@ -145,5 +155,6 @@ def _near(points: Array, arm: list[Capsule]) -> np.ndarray[tuple[int], np.dtype[
         axis = link.p1 - link.p0
         relative = points - link.p0
         along = np.clip(relative @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
-        near |= ((relative - along[:, None] * axis) ** 2).sum(axis=1) <= (link.radius + SELF_PADDING) ** 2
+        gap = relative - along[:, None] * axis
+        near |= np.einsum("ij,ij->i", gap, gap) <= (link.radius + SELF_PADDING) ** 2
     return near

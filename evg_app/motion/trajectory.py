@@ -104,14 +104,25 @@ def _profile(length: float, v: float, a: float, j: float, duration: float | None
 
 
 def _sample(path: JointPath, profile: Profile, robot: RobotConfig) -> Trajectory:
-    count = int(np.ceil(profile.duration / DT - 1e-6))
-    rows = [profile.at_time(k * DT) for k in range(count)]
-    s, ds, dds = (np.array([row[i][0] for row in rows] + [end]) for i, end in enumerate((path.length, 0.0, 0.0)))
+    s, ds, dds = _evaluate(profile)
+    s[-1], ds[-1], dds[-1] = path.length, 0.0, 0.0
     s = np.clip(s, 0.0, path.length)
     q, d1, d2 = (path.at(s, n) for n in (0, 1, 2))
     dq = d1 * ds[:, None]
     ddq = d2 * (ds**2)[:, None] + d1 * dds[:, None]
     return Trajectory(tuple(robot.joints), DT, q, dq, ddq)
+
+
+def _evaluate(profile: Profile) -> tuple[Array, Array, Array]:
+    """s, s', s'' of a one-dimensional profile every `DT`: its seven phases of constant jerk. Shape (M,) each."""
+    phases = profile.profiles[0][0]
+    count = int(np.ceil(profile.duration / DT - 1e-6))
+    t = np.arange(count + 1) * DT
+    begins = np.concatenate([[0.0], np.cumsum(phases.t)])
+    phase = np.clip(np.searchsorted(begins, t, side="right") - 1, 0, 6)
+    tau = t - begins[phase]
+    j, a, v, p = (np.asarray(x)[phase] for x in (phases.j, phases.a, phases.v, phases.p))
+    return p + tau * (v + tau * (a / 2 + tau * j / 6)), v + tau * (a + tau * j / 2), a + tau * j
 
 
 def _checked(trajectory: Trajectory, robot: RobotConfig) -> Trajectory:
