@@ -12,6 +12,7 @@ from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
 from evg_app.nets.registry import NAMES, build
 from evg_app.nets.rotation import flip, from_rows
+from evg_app.nets.triplane import SideToPlane
 
 EXACT = 1e-4
 NOT_EXACT = 1e-2
@@ -207,3 +208,13 @@ def test_unknown_names_and_keys_are_told():
         build("equiigd", {"side": "other"})
     with pytest.raises(dataclasses.FrozenInstanceError):
         EquiIGDConfig().hidden = 3  # type: ignore[misc]
+
+
+def test_side_to_plane_on_lines_equals_the_1x1_map_of_the_broadcast_plane():
+    join = SideToPlane(2, 5)
+    with torch.no_grad():
+        join.bias.free.normal_()
+    xy, ax, ay = torch.randn(3, 8, 6, 7), torch.randn(3, 5, 6), torch.randn(3, 5, 7)
+    plane = torch.cat([xy, ax[..., None] + ay[..., None, :]], 1).movedim(1, -1)
+    want = (join.linear(plane) + join.bias()).movedim(-1, 1)
+    torch.testing.assert_close(join(xy, ax, ay), want, atol=1e-5, rtol=1e-5)
