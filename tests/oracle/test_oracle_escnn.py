@@ -9,7 +9,8 @@ import torch
 
 escnn = pytest.importorskip("escnn", reason="escnn needs numpy 1 and an environment of its own: tests/oracle/README.md")
 
-from escnn import gspaces, group, nn as enn  # noqa: E402
+from escnn import group, gspaces  # noqa: E402
+from escnn import nn as enn  # noqa: E402
 
 from evg_app.nets.c4 import C4Linear, LiftConv2d, RegularConv2d  # noqa: E402
 from evg_app.nets.expanded import ExpandedFilter  # noqa: E402
