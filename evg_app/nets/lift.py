@@ -80,7 +80,7 @@ class _LiftAndProject(torch.autograd.Function):
                 slab = slabs[scene, part]
                 lifted = _lift(slab, weight, bias)
                 grad = (g_xy[scene] + g_xz[scene, part, :, None]).add_(g_yz[scene, part, None])
-                grad.mul_(lifted > 0)
+                grad.mul_(lifted.sign_())  # the ReLU gradient, without a mask of its own
                 outgoing = grad.permute(0, 3, 1, 2)
                 g_weight += conv2d_weight(slab, weight.shape, outgoing, padding=1)  # type: ignore[no-untyped-call]
                 g_bias += grad.sum((0, 1, 2))
