@@ -65,7 +65,7 @@ def follow(round_: Round, name: str, trajectory: Trajectory, guard: Guard | None
         round_.now.motion_s += budget.elapsed
     round_.emit(MotionEnded(name, result, budget.elapsed))
     if not result.reached:
-        require_healthy(ctx.devices.arm.state(), f"{name}: {result.reason}")
+        require_healthy(ctx.devices.arm.state(), result.reason)
     return result
 
 

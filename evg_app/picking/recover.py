@@ -10,10 +10,14 @@ from evg_app.picking.verify import held
 
 
 def recover(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING, Outcome.GIVE_UP]:
-    """Bring the arm back to idle; `HOLDING` when an object still hangs in the fingers."""
+    """Bring the arm back to idle; `HOLDING` when an object in the fingers should still go to the bin.
+
+    That is tried once: an object that blocked the arm twice is let go where it is.
+    """
     attempt, settings = round_.now, round_.ctx.settings
     cause = attempt.fault or attempt.blocked
     round_.recoveries += 1
+    attempt.recoveries += 1
     if round_.recoveries > settings.max_recoveries:
         return _give_up(round_, f"{settings.max_recoveries} recoveries in a row did not help: {cause}")
     round_.emit(Warned("recovering", cause))
@@ -34,6 +38,9 @@ def _recovered(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING]:
     round_.emit(Warned("recovered", attempt.fault or attempt.blocked))
     carrying = attempt.closed and not attempt.released
     in_hand = carrying and held(round_.ctx.devices.gripper.state(), round_.ctx.robot.gripper)
+    if in_hand and attempt.recoveries > 1:
+        round_.emit(Warned("letting go", "the object in hand blocked the arm twice"))
+        return Outcome.OK
     return Outcome.HOLDING if in_hand else Outcome.OK
 
 

@@ -51,6 +51,7 @@ class Attempt:
         released: it was told to open over the bin.
         blocked: why a motion did not get where it should, empty when all did.
         fault: what a device reported, empty when nothing.
+        recoveries: how often the arm was brought back during this pass.
     """
 
     attempt_id: str
@@ -62,6 +63,7 @@ class Attempt:
     released: bool = False
     blocked: str = ""
     fault: str = ""
+    recoveries: int = 0
     empty: bool = False
     held_lifted: bool | None = None
     held_release: bool | None = None

@@ -130,6 +130,22 @@ def test_after_a_reflex_a_held_object_still_goes_to_the_bin(name):
     assert lab.binned == 1 and lab.reasons == ["cleared"]
 
 
+def test_an_object_that_blocks_the_arm_twice_is_let_go_and_the_round_goes_on():
+    lab = Lab(script="SSSS", objects=2)
+    blocks = [reflex(lab.arm), reflex(lab.arm)]
+
+    def jammed(handle):
+        ended = blocks[0](handle) if blocks else None
+        if ended is not None:
+            blocks.pop(0)
+        return ended
+
+    lab.arm.during["drop"] = jammed
+    result = lab.run()
+    assert lab.outcomes[0] == "failure" and "letting go" in lab.warnings
+    assert result.exit_code == 0 and lab.reasons == ["cleared"] and result.rounds[0].successes == 2
+
+
 @pytest.mark.parametrize("name", ["look", *MOVING])
 def test_a_refused_recovery_ends_the_run_with_error(name):
     lab = Lab()
