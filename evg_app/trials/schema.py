@@ -66,9 +66,7 @@ def open_existing(folder: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise BadInput(f"{folder} holds no trial log ({DATABASE}). Run: evg-app run --sim --run-dir DIR")
     try:
-        db = sqlite3.connect(path)
-        db.execute("PRAGMA query_only = ON")
-        version = int(db.execute("PRAGMA user_version").fetchone()[0])
+        db, version = _connect(path)
     except sqlite3.Error as error:
         raise BadInput(f"{path} is not a trial log: {error}") from error
     if not 1 <= version <= SCHEMA_VERSION:
@@ -76,3 +74,20 @@ def open_existing(folder: Path) -> sqlite3.Connection:
         raise BadInput(f"{path} has schema version {version}; this evg-app reads 1 to {SCHEMA_VERSION}. Update it")
     db.row_factory = sqlite3.Row
     return db
+
+
+def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
+    """The database and its schema version; as an unchanging file where nothing can be written beside it."""
+    try:
+        return _checked(sqlite3.connect(path))
+    except sqlite3.OperationalError:
+        return _checked(sqlite3.connect(f"{path.resolve().as_uri()}?immutable=1", uri=True))
+
+
+def _checked(db: sqlite3.Connection) -> tuple[sqlite3.Connection, int]:
+    try:
+        db.execute("PRAGMA query_only = ON")
+        return db, int(db.execute("PRAGMA user_version").fetchone()[0])
+    except sqlite3.Error:
+        db.close()
+        raise
