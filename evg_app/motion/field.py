@@ -39,6 +39,8 @@ class DistanceField:
 
     def at(self, points: Array) -> Array:
         """Distances [m] of points (..., 3) [m, base frame]. Shape (...)."""
+        if points.ndim == 1:
+            return np.asarray(self.at(points[None])[0])
         index, square = [], np.zeros(points.shape[:-1])
         for axis in range(3):
             grid = points[..., axis] * (1.0 / self._voxel)

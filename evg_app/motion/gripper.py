@@ -70,12 +70,12 @@ def gripper_boxes(meshes: Any, robot: RobotConfig, T_7_hand: Array) -> GripperBo
     T_grasp_7[2, 3] -= robot.gripper.hand_to_grasp_z_m
     low, high, side = [], [], []
     for name, points in _gripper_points(meshes, robot).items():
-        p = surface_samples(points, 0.003) @ T_grasp_7[:3, :3].T + T_grasp_7[:3, 3]
+        p = surface_samples(points, 0.004) @ T_grasp_7[:3, :3].T + T_grasp_7[:3, 3]
         which = 0.0 if name == robot.hand_link else float(np.sign(p[:, 1].mean()))
         p[:, 1] -= which * robot.gripper.max_width_m / 2
         edges = np.linspace(p[:, 2].min(), p[:, 2].max(), SLABS + 1)
         for a, b in pairwise(edges.tolist()):
-            slab = p[(p[:, 2] >= a - 0.0015) & (p[:, 2] <= b + 0.0015)]
+            slab = p[(p[:, 2] >= a - 0.002) & (p[:, 2] <= b + 0.002)]
             low.append([*slab[:, :2].min(axis=0), a])
             high.append([*slab[:, :2].max(axis=0), b])
             side.append(which)

@@ -16,8 +16,8 @@ CHECK_STEP = 0.01
 """No point of the arm moves further than this between two checks [m]."""
 COARSE = 16
 """Checks of the first, coarse pass."""
-RAISE = 0.15
-"""Height of the via-points above start and goal [m]."""
+RAISES = (0.08, 0.16, 0.26)
+"""Heights of the via-points above start and goal [m]."""
 INTERVALS = (8, 16, 32, 64)
 """B-spline intervals tried on a path with corners; more stay closer to the checked polyline."""
 
@@ -90,14 +90,9 @@ class Router:
         def edge_free(p: Array, q: Array) -> bool:
             return self.is_free(line(p, q), check)
 
-        up_a, up_b = self._raised(a), self._raised(b)
-        ups: list[list[Array]] = [[up] for up in (up_b, up_a) if up is not None]
-        if up_a is not None and up_b is not None:
-            ups.append([up_a, up_b])
-        for middle in ups + [[via] for via in self.via]:
-            waypoints = [a, *middle, b]
+        for waypoints in self._detours(a, b):
             if all(edge_free(p, q) for p, q in pairwise(waypoints)):
-                yield np.stack(waypoints)
+                yield waypoints
         if not search:
             return
         kinematics = self.checker.kinematics
@@ -105,9 +100,21 @@ class Router:
         if found is not None:
             yield found
 
-    def _raised(self, q: Array) -> Array | None:
-        """The configuration nearest to q whose hand is `RAISE` higher, with the same q7."""
+    def _detours(self, a: Array, b: Array) -> list[Array]:
+        """Ways over raised hands and known configurations, the quickest first. Each (W, 7)."""
+        kinematics = self.checker.kinematics
+        ways = [[via] for via in self.via]
+        for height in RAISES:
+            up_a, up_b = self._raised(a, height), self._raised(b, height)
+            ways += [[up] for up in (up_a, up_b) if up is not None]
+            if up_a is not None and up_b is not None:
+                ways.append([up_a, up_b])
+        detours = [np.stack([a, *way, b]) for way in ways]
+        return sorted(detours, key=lambda w: float((np.abs(np.diff(w, axis=0)) / kinematics.speed).max(axis=1).sum()))
+
+    def _raised(self, q: Array, height: float) -> Array | None:
+        """The configuration nearest to q whose hand is `height` [m] higher, with the same q7."""
         T = self.checker.kinematics.fk_hand(q)
-        T[2, 3] += RAISE
+        T[2, 3] += height
         found = self.checker.kinematics.search(T, q, q[6:7]).q
         return found[0] if len(found) else None

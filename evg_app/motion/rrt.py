@@ -6,7 +6,7 @@ import numpy as np
 
 from evg_app.geometry import Array
 
-MAX_ITERATIONS = 250
+MAX_ITERATIONS = 150
 """Samples that are tried before the search gives up."""
 STEP = 0.35
 """Longest edge of the trees [rad]."""

@@ -59,6 +59,8 @@ class Boxes:
 
     def distance(self, points: Array) -> Array:
         """Distance [m] of points (..., 3) to the nearest box, 0 inside, infinite without boxes. Shape (...)."""
+        if points.ndim == 1:
+            return np.asarray(self.distance(points[None])[0])
         nearest = np.full(points.shape[:-1], np.inf)
         for center, half in zip(self.center, self.half, strict=True):
             square = np.zeros(points.shape[:-1])

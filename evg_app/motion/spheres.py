@@ -16,7 +16,7 @@ SLACK = 0.015
 """How far a sphere may stick out of its link [m]."""
 GRIPPER_SLACK = 0.011
 """The same for the hand and the fingers [m]."""
-SAMPLE = 0.012
+SAMPLE = 0.015
 """Largest spacing of the surface samples that must be covered [m]."""
 MARGIN = 0.003
 """Samples count as covered only this deep inside a sphere [m]: the surface between samples."""
@@ -113,7 +113,7 @@ def _candidates(points: Array, slack: float) -> tuple[Array, Array]:
     """Interior grid points of the convex hull, and the radius each may have."""
     equations = ConvexHull(points).equations
     low, high = points.min(axis=0), points.max(axis=0)
-    step = np.clip((high - low).min() / 6, 0.002, 0.012)
+    step = np.clip((high - low).min() / 6, 0.003, 0.016)
     axes = [np.arange(a + step / 4, b, step) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     depth = -(grid @ equations[:, :3].T + equations[:, 3]).max(axis=1)
