@@ -27,12 +27,14 @@ class JointPath:
         length: end of the parameter [rad]; close to the arc length in joint space.
         knots: where the third derivative may jump. Shape (K,).
         waypoints: the configurations it was made from. Shape (W, J).
+        stops: whether the motion must be at rest at every knot, because the curve has corners there.
     """
 
     curve: Curve
     length: float
     knots: Array
     waypoints: Array
+    stops: bool = False
 
     def at(self, s: Array, derivative: int = 0) -> Array:
         """q or a derivative with respect to s. Shapes (M,) -> (M, J)."""
@@ -94,6 +96,17 @@ def blended(waypoints: Array, intervals: int) -> JointPath:
     greville = np.convolve(full[1:-1], np.ones(3) / 3, mode="valid")
     control = np.stack([np.interp(greville, reached, column) for column in waypoints.T], axis=1)
     return JointPath(BSpline(full, control, 3), length, knots, waypoints)
+
+
+def polyline(waypoints: Array) -> JointPath:
+    """Straight from waypoint to waypoint (W, J), with a stop at each."""
+    steps = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    waypoints = waypoints[np.concatenate([[True], steps > 1e-9])]
+    if len(waypoints) <= LINE_KNOTS:
+        return through(waypoints)
+    knots = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
+    curve = BSpline(np.concatenate([[0.0], knots, knots[-1:]]), waypoints, 1)
+    return JointPath(curve, float(knots[-1]), knots, waypoints, stops=True)
 
 
 def bezier_lift(start: Array, approach: Array, height: float, back_off: float, count: int) -> Array:

@@ -1,16 +1,18 @@
 """Free joint-space motion: straight, over a raised via-point, or by RRT-Connect; always checked densely."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from evg_app.errors import Refused
 from evg_app.geometry import Array
 from evg_app.motion.collision import ArmChecker
-from evg_app.motion.path import JointPath, blended, line
+from evg_app.motion.path import JointPath, blended, line, polyline
 from evg_app.motion.rrt import rrt_connect
 from evg_app.motion.scene import Scene
+from evg_app.motion.timing import fastest
+from evg_app.motion.trajectory import limits
 
 CHECK_STEP = 0.01
 """No point of the arm moves further than this between two checks [m]."""
@@ -18,8 +20,8 @@ COARSE = 16
 """Checks of the first, coarse pass."""
 RAISES = (0.08, 0.16, 0.26)
 """Heights of the via-points above start and goal [m]."""
-INTERVALS = (8, 16, 32, 64)
-"""B-spline intervals tried on a path with corners; more stay closer to the checked polyline."""
+INTERVALS = (8, 16, 32)
+"""B-spline intervals that round the corners of a path; more stay closer to the checked polyline."""
 
 
 @dataclass(frozen=True)
@@ -79,26 +81,32 @@ class Router:
             return straight
         if not self.is_free(line(b, b), check):
             return None
-        for waypoints in self._candidates(a, b, check, search):
-            for intervals in INTERVALS:
-                path = blended(waypoints, intervals)
-                if self.is_free(path, check):
-                    return path
-        return None
+        waypoints = self._waypoints(a, b, check, search)
+        if waypoints is None:
+            return None
+        rounded = (blended(waypoints, intervals) for intervals in INTERVALS)
+        free = [polyline(waypoints), *(path for path in rounded if self.is_free(path, check))]
+        return min(free, key=self._duration)
 
-    def _candidates(self, a: Array, b: Array, check: Check, search: bool) -> Iterator[Array]:
+    def _duration(self, path: JointPath) -> float:
+        try:
+            return fastest(path, limits(self.checker.kinematics.robot)).duration
+        except Refused:
+            return float("inf")
+
+    def _waypoints(self, a: Array, b: Array, check: Check, search: bool) -> Array | None:
+        """Configurations (W, 7) from a to b whose straight connections are free."""
+
         def edge_free(p: Array, q: Array) -> bool:
             return self.is_free(line(p, q), check)
 
         for waypoints in self._detours(a, b):
             if all(edge_free(p, q) for p, q in pairwise(waypoints)):
-                yield waypoints
+                return waypoints
         if not search:
-            return
+            return None
         kinematics = self.checker.kinematics
-        found = rrt_connect(a, b, kinematics.lower, kinematics.upper, edge_free)
-        if found is not None:
-            yield found
+        return rrt_connect(a, b, kinematics.lower, kinematics.upper, edge_free)
 
     def _detours(self, a: Array, b: Array) -> list[Array]:
         """Ways over raised hands and known configurations, the quickest first. Each (W, 7)."""

@@ -6,6 +6,7 @@ stretches and rounded corners is timed in sections: corners at constant s', the 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, Trajectory
@@ -73,6 +74,8 @@ def fastest(path: JointPath, limits: Limits) -> Timing:
     Raises:
         Refused: the path bends too sharply for every speed that is tried.
     """
+    if path.stops:
+        return _stop_and_go(path, limits)
     whole = _whole(path, limits)
     sections = _sections(path)
     if len(sections) > 2 and sections[0][2] and sections[-1][2]:
@@ -83,6 +86,15 @@ def fastest(path: JointPath, limits: Limits) -> Timing:
         if in_sections.duration < whole.duration:
             return in_sections
     return whole
+
+
+def _stop_and_go(path: JointPath, limits: Limits) -> Timing:
+    """From knot to knot, at rest at each."""
+    pieces = []
+    for a, b in pairwise(path.knots.tolist()):
+        bounds = _splits(path, np.array([(a + b) / 2]), limits)[0]
+        pieces.append((a, _profile(b - a, bounds, 0.0, 0.0)))
+    return Timing(tuple(pieces))
 
 
 def _whole(path: JointPath, limits: Limits) -> Timing:
@@ -116,7 +128,7 @@ def _splits(path: JointPath, s: Array, limits: Limits) -> list[Bounds]:
 def _sections(path: JointPath) -> list[tuple[float, float, bool]]:
     """Runs of straight and of curved knot intervals: start, end, whether straight."""
     sections: list[tuple[float, float, bool]] = []
-    for a, b in zip(path.knots[:-1].tolist(), path.knots[1:].tolist(), strict=True):
+    for a, b in pairwise(path.knots.tolist()):
         inside = np.linspace(a, b, 5)
         straight = bool(np.abs(path.at(inside, 2)).max() < STRAIGHT)
         if sections and sections[-1][2] == straight:
