@@ -1,5 +1,7 @@
 """Judge ranked grasps and plan the pick: every looked-at grasp is accepted or gets the one reason against it."""
 
+from itertools import islice
+
 import numpy as np
 
 from evg_app.config.models import RobotConfig
@@ -141,10 +143,8 @@ class MotionPlanner:
         legs = find_legs(self.robot, self.checker, scene, T_base_grasp, q_start)
         if isinstance(legs, Verdict):
             return legs
-        legs = [leg for leg in legs if self._leg_free(leg, scene)]
-        if not legs:
-            return Verdict.ARM_COLLISION
-        return self._plan(legs[:MAX_LEGS], scene, q_start, search)
+        free = list(islice((leg for leg in legs if self._leg_free(leg, scene)), MAX_LEGS))
+        return self._plan(free, scene, q_start, search) if free else Verdict.ARM_COLLISION
 
     def _gripper_hits(self, scene: Scene, T_base_grasp: Array, width: float) -> bool:
         robot = self.robot

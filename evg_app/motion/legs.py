@@ -20,7 +20,7 @@ BACK_OFF = 0.05
 """How far a steep grasp backs off along its approach before it goes straight up [m]."""
 STEEP = 0.5
 """Grasps whose approach is within 60 degrees of straight down are steep: cosine of that angle."""
-MAX_CANDIDATES = 12
+MAX_CANDIDATES = 24
 """Configurations of one grasp that are looked at."""
 Q7_APART = 0.25
 """Candidates of the same branch differ at least this much in q7 [rad]."""
@@ -34,7 +34,7 @@ class Leg:
         T_base_grasp: flip included. Shape (4, 4).
         flipped: whether it is the antipodal twin.
         approach, lift: joint paths.
-        cost: as `Kinematics.cost` [s].
+        cost: about how long it takes from the reference and back, and closeness to limits [s].
     """
 
     T_base_grasp: Array
@@ -89,7 +89,7 @@ def find_legs(
     clear = ~checker.hits_scene(candidates.q, scene, gripper=False)
     if not clear.any():
         return Verdict.ARM_COLLISION
-    return _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)))
+    return _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)), q_reference)
 
 
 def _only(c: _Candidates, rows: Integers) -> _Candidates:
@@ -118,7 +118,19 @@ def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, refe
     return _only(_Candidates(q, branch, flip, cost), np.array(chosen))
 
 
-def _straight(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: _Candidates) -> list[Leg] | Verdict:
+def _time_of(checker: ArmChecker, q_reference: Array, approach: Array, lift: Array) -> float:
+    """About how long [s] it takes to come from `q_reference` (7,), to approach and lift (K, 7), and to go back there.
+
+    Straight legs near a singularity, where joints turn far for a short way, are expensive here.
+    """
+    kinematics = checker.kinematics
+    along = sum((np.abs(np.diff(leg, axis=0)) / kinematics.speed).sum(axis=0).max() for leg in (approach, lift))
+    return float(kinematics.cost(approach[0], q_reference) + along + kinematics.cost(lift[-1], q_reference))
+
+
+def _straight(
+    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: _Candidates, q_reference: Array
+) -> list[Leg] | Verdict:
     """Follow approach and lift with each candidate; those that stay solvable, smooth and inside the limits."""
     legs: list[Leg] = []
     reason = Verdict.IK
@@ -134,7 +146,8 @@ def _straight(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: _
         jump = np.abs(np.diff(q, axis=1)).max(axis=(1, 2))
         if (solved & ~inside).any():
             reason = Verdict.JOINT_LIMIT
+        n = len(approach)
         for k in np.flatnonzero(solved & inside & (jump < MAX_JUMP)):
-            n = len(approach)
-            legs.append(Leg(T, bool(flip), through(q[k, :n]), through(q[k, n:]), float(c.cost[rows[k]])))
+            cost = _time_of(checker, q_reference, q[k, :n], q[k, n:])
+            legs.append(Leg(T, bool(flip), through(q[k, :n]), through(q[k, n:]), cost))
     return sorted(legs, key=lambda leg: leg.cost) or reason
