@@ -1,4 +1,4 @@
-"""Draw training batches: whole scenes with many query grasps each. A batch is a pure function of (seed, step, scenes)."""
+"""Draw training batches: whole scenes with many queries each; a pure function of (seed, step, scenes)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +18,13 @@ WEAK_DISTANCE = 0.020
 """Weak negatives are random points farther than this from every positive [m]."""
 AROUND = 0.04
 """Standard deviation of the weak negatives drawn around surfaces [m]."""
+
+MIRROR = np.array([-1, 1, 1], dtype=np.float32)
+"""Mirrors directions in the plane x = const; positions also need `MIRROR_SHIFT`."""
+MIRROR_SHIFT = np.array([WORKSPACE_SIZE, 0, 0], dtype=np.float32)
+"""[m]."""
+FINGERS_EXCHANGED = np.array([1, -1, 1], dtype=np.float32)
+"""On the columns of a mirrored rotation: makes it a rotation again, of the mirror image of the gripper: itself."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +95,8 @@ def draw_scene(
     rotation = _rotations(scene.rows)
     if mirror:
         grid = grid[::-1]
-        where = {k: p * np.float32([-1, 1, 1]) + np.float32([WORKSPACE_SIZE, 0, 0]) for k, p in where.items()}
-        rotation = rotation * np.float32([-1, 1, 1])[:, None] * np.float32([1, -1, 1])
+        where = {k: p * MIRROR + MIRROR_SHIFT for k, p in where.items()}
+        rotation = rotation * MIRROR[:, None] * FINGERS_EXCHANGED
     return {k: (p / np.float32(WORKSPACE_SIZE) - np.float32(0.5)).astype(np.float32) for k, p in where.items()} | {
         "grid": np.ascontiguousarray(grid[None]),
         "positive_rotation": rotation[good],
@@ -130,4 +137,5 @@ def _weak_negatives(
 def _nearest(points: NDArray[np.float32], to: NDArray[np.float32]) -> Array:
     """Distance from each point (N, 3) to the nearest of `to` (M, 3) [m]."""
     square = (points**2).sum(1)[:, None] - 2.0 * points @ to.T + (to**2).sum(1)
-    return np.sqrt(np.maximum(square.min(axis=1), 0.0)).astype(np.float64)
+    nearest: Array = np.sqrt(np.maximum(square.min(axis=1), 0.0)).astype(np.float64)
+    return nearest

@@ -12,10 +12,11 @@ ANGLES = 12
 TILT = 0.2
 """Largest standard deviation of the closing axis about the contact normal [rad]; drawn from 0 to this."""
 TABLE_GAP = 0.0045
-"""Most candidates whose finger tips would be lower than this above the table are pulled back to it [m] (spec §4.5.5)."""
+"""Most candidates with finger tips lower than this above the table are pulled back to it [m] (spec §4.5.5)."""
 MAX_RETREAT = 0.014
 """How far they are pulled back along the approach at most [m]."""
 RETREAT_SHARE = 0.85
+"""Share of the low candidates that are pulled back; the others stay as negatives near the table."""
 MAX_RISE = 0.26
 """Largest upward component of an approach direction (spec §4.5: at least 75 degrees from straight up)."""
 REACH = 0.09
@@ -103,12 +104,14 @@ def _poses(y: Array, z: Array, t: Array) -> Array:
 
 
 def _unit(v: Array) -> Array:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    unit: Array = v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+    return unit
 
 
 def _least_aligned(v: Array) -> Array:
     """For each vector (N, 3) the coordinate axis that it is least aligned with."""
-    return np.eye(3)[np.abs(v).argmin(axis=1)]
+    axis: Array = np.eye(3)[np.abs(v).argmin(axis=1)]
+    return axis
 
 
 def _exponential(w: Array) -> Array:
@@ -118,4 +121,5 @@ def _exponential(w: Array) -> Array:
     K = np.zeros((len(w), 3, 3))
     K[:, 2, 1], K[:, 0, 2], K[:, 1, 0] = axis.T
     K = K - np.swapaxes(K, 1, 2)
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+    R: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
+    return R

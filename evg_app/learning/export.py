@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import pickle
 import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,10 +39,12 @@ def export_weights(checkpoint: Path, out: Path, extra: dict[str, Any] | None = N
         raise BadInput(f"weights go to a .safetensors file, not {out}; give --out NAME.safetensors")
     try:
         state = torch.load(checkpoint, weights_only=True)
-    except (OSError, RuntimeError, ValueError, EOFError) as error:
-        raise BadInput(f"{checkpoint} is not a readable checkpoint ({error}); run evg-app train first") from error
+    except (OSError, RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
+        raise BadInput(
+            f"{checkpoint} is not a readable checkpoint ({str(error).splitlines()[0][:80]}); run evg-app train first"
+        ) from error
     config = json.loads(state["config"])
-    model = build(config["architecture"], config["network"])
+    model: Any = build(config["architecture"], config["network"])
     model.load_state_dict(state["average"])
     out.parent.mkdir(parents=True, exist_ok=True)
     save_file({k: v.contiguous() for k, v in model.state_dict().items()}, str(out))

@@ -52,7 +52,7 @@ def hand_points() -> Array:
 
 
 def swept(points: Array, distance: float) -> Array:
-    """Points whose hull is the hull of `points` moved back by up to `distance` [m] along the approach. Shape (2P, 3)."""
+    """Points (2P, 3) whose hull is what `points` (P, 3) sweep over `distance` [m] up to here along the approach."""
     return np.concatenate([points, points - [0.0, 0.0, distance]])
 
 

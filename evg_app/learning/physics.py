@@ -10,14 +10,14 @@ from evg_app.learning.gripper import finger_points, hand_points
 from evg_app.simulation.bullet import TIME_STEP, Client, connect, load_object
 from evg_app.simulation.objects import ObjectModel
 from evg_app.simulation.scenes import add_table, step
-from evg_app.simulation.state import SceneState
+from evg_app.simulation.state import SceneObject, SceneState
 
 START = 0.05
 """Distance of the pre-grasp from the grasp along the approach [m] (spec §6.2)."""
 STEP_LENGTH, STEPS_EACH = 0.002, 4
 """Linear motion: way per command [m] and physics steps per command."""
-EFFORT = 20.0
-"""Force of each finger [N]."""
+EFFORT, SPEED = 20.0, 0.1
+"""Force [N] and largest speed [m/s] of each finger."""
 LIFT = 0.10
 """How far the gripper retreats [m]."""
 MIN_HELD = 0.003
@@ -97,7 +97,12 @@ class TrialBench:
     def _fingers(self, position: float) -> None:
         for joint in (0, 1):
             self._client.setJointMotorControl2(
-                self._gripper, joint, pybullet.POSITION_CONTROL, targetPosition=position, force=EFFORT
+                self._gripper,
+                joint,
+                pybullet.POSITION_CONTROL,
+                targetPosition=position,
+                force=EFFORT,
+                maxVelocity=SPEED,
             )
 
     def _move(self, start: Array, goal: Array, until_touch: bool) -> bool:
@@ -114,11 +119,8 @@ class TrialBench:
         return False
 
 
-def _load(client: Client, thing: object, masses: dict[str, float]) -> int:
+def _load(client: Client, thing: SceneObject, masses: dict[str, float]) -> int:
     """Put one object of a scene state into physics."""
-    from evg_app.simulation.state import SceneObject
-
-    assert isinstance(thing, SceneObject)
     mass = masses.get(thing.name, 0.3)
     model = ObjectModel(thing.name, thing.urdf, thing.collision_mesh, thing.visual_mesh, mass, (0.0, 0.0, 0.0))
     return load_object(client, model, thing.scale, thing.T_task_object, visible=False)

@@ -1,6 +1,7 @@
 """A scene's objects as the labels see them: convex solids in the task frame, with rays and clearances."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
@@ -56,8 +57,7 @@ class SceneSolids:
         self._rays = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._owner_of = np.full(len(solids) + 1, -1, dtype=np.int64)
         for i, solid in enumerate(solids):
-            vertices = o3d.core.Tensor(solid.vertices.astype(np.float32))
-            self._rays.add_triangles(vertices, o3d.core.Tensor(solid.faces.astype(np.uint32)))
+            self._rays.add_triangles(_tensor(solid.vertices, np.float32), _tensor(solid.faces, np.uint32))
             self._owner_of[i] = solid.owner
         self._convex = [_convex(solid.vertices) for solid in solids]
         self._low = np.array([s.vertices.min(axis=0) for s in solids]).reshape(-1, 3)
@@ -66,8 +66,8 @@ class SceneSolids:
 
     def cast(self, origins: Array, directions: Array) -> Hits:
         """First hits of rays from `origins` [m] along unit `directions`. Shapes (N, 3)."""
-        rays = np.concatenate([origins, directions], axis=1).astype(np.float32)
-        answer = self._rays.cast_rays(o3d.core.Tensor(rays), nthreads=1)
+        rays = np.concatenate([origins, directions], axis=1)
+        answer = self._rays.cast_rays(_tensor(rays, np.float32), nthreads=1)
         geometry = answer["geometry_ids"].numpy().astype(np.int64)
         geometry = np.where(geometry >= len(self.solids), len(self.solids), geometry)
         return Hits(
@@ -106,6 +106,12 @@ class SceneSolids:
                 result[i] = min(result[i], distance)
                 if result[i] <= CLOSE:
                     break
+
+
+def _tensor(a: NDArray[Any], dtype: type) -> Any:
+    """An Open3D tensor (Open3D's stubs know no numpy)."""
+    tensor: Any = o3d.core.Tensor
+    return tensor(np.ascontiguousarray(a, dtype=dtype))
 
 
 def _convex(points: Array) -> coal.ConvexBase:

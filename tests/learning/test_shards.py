@@ -1,0 +1,124 @@
+"""Shards: written whole, read back, and never silently wrong."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from evg_app.errors import BadInput
+from evg_app.learning.batches import BatchSizes, draw_batch, draw_scene
+from evg_app.learning.dataset import SceneStore
+from evg_app.learning.generate import GenerateConfig, is_validation, object_pools
+from evg_app.learning.labels import Kind
+from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
+
+ROUNDING = 0.5 / 255.0 + 1e-7
+SIZES = BatchSizes(positives=8, negatives=8, weak=8, occupancy=16)
+
+
+def scene(seed: int = 0, grasps: int = 20) -> SceneSample:
+    """A made-up scene with plausible arrays: half of the grasps positive."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.normal(size=(grasps, 3, 3)))
+    q *= np.sign(np.linalg.det(q))[:, None, None]
+    kind = np.where(np.arange(grasps) % 2 == 0, Kind.POSITIVE, Kind.SLIP).astype(np.uint8)
+    position = rng.uniform(0.05, 0.25, (grasps, 3)).astype(np.float32)
+    return SceneSample(
+        grids=rng.integers(0, 255, (2, 40, 40, 40), dtype=np.uint8),
+        views=("side/gamma", "igd/gaussian"),
+        rows=q[:, :2].reshape(-1, 6).astype(np.float32),
+        position=position,
+        width=np.full(grasps, 0.03, dtype=np.float32),
+        kind=kind,
+        positives=position[kind == Kind.POSITIVE].astype(np.float16),
+        points=rng.random((64, 3)).astype(np.float16) * np.float16(0.3),
+        occupied=rng.random(64) < 0.2,
+        name=f"pile/{seed}",
+        objects=("mug_1", f"box_{seed}"),
+        placement=(("objects/train/mug_1", 0.9, tuple(range(12))),),
+    )
+
+
+def test_shard_round_trip(tmp_path: Path) -> None:
+    scenes = [scene(0, 20), scene(1, 12)]
+    write_shard(tmp_path / "shard_00001.npz", scenes, {"validation": False})
+    back, meta = read_shard(tmp_path / "shard_00001.npz")
+    assert meta["validation"] is False and [p.name for p in tmp_path.iterdir()] == ["shard_00001.npz"]
+    for before, after in zip(scenes, back, strict=True):
+        assert after.views == before.views and after.objects == before.objects and after.name == before.name
+        assert after.placement == before.placement
+        for key in ("grids", "rows", "position", "width", "kind", "positives", "points", "occupied"):
+            assert (getattr(after, key) == getattr(before, key)).all(), key
+
+
+def test_truncated_shard_is_named_counted_and_skipped(tmp_path: Path) -> None:
+    for k in (1, 2):
+        write_shard(tmp_path / f"shard_0000{k}.npz", [scene(k)], {"validation": False})
+    broken = tmp_path / "shard_00002.npz"
+    broken.write_bytes(broken.read_bytes()[:2000])
+    with pytest.raises(CorruptShard, match=r"shard_00002\.npz"):
+        read_shard(broken)
+    store = SceneStore(tmp_path)
+    assert store.refresh() == 1
+    assert store.corrupt == ["shard_00002.npz"] and len(store.train) == 1
+    assert store.describe()["corrupt_shards"] == 1
+
+
+def test_store_takes_in_shards_as_they_appear(tmp_path: Path) -> None:
+    store = SceneStore(tmp_path)
+    write_shard(tmp_path / "shard_00000.npz", [scene(0)], {"validation": True})
+    assert store.refresh() == 1 and len(store.validation) == 1 and not store.train
+    write_shard(tmp_path / "shard_00001.npz", [scene(1)], {"validation": False})
+    assert store.refresh() == 1 and store.refresh() == 0 and len(store.train) == 1
+
+
+def test_missing_data_folder_says_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="evg-app generate"):
+        SceneStore(tmp_path / "nothing").refresh()
+
+
+def test_quantisation_keeps_zero_and_is_fine_enough() -> None:
+    values = np.linspace(0, 1, 1001, dtype=np.float32)
+    assert np.abs(quantise(values) / 255.0 - values).max() <= ROUNDING
+    assert quantise(np.zeros(1, dtype=np.float32))[0] == 0
+
+
+def test_batch_is_a_function_of_seed_and_step() -> None:
+    scenes = [scene(k) for k in range(4)]
+    a, b = draw_batch(scenes, SIZES, 3, (1, 7)), draw_batch(scenes, SIZES, 3, (1, 7))
+    other = draw_batch(scenes, SIZES, 3, (1, 8))
+    assert all((vars(a)[k] == vars(b)[k]).all() for k in vars(a))
+    assert not (a.positive == other.positive).all()
+    assert a.grid.shape == (3, 1, 40, 40, 40) and a.positive_rotation.shape == (3, 8, 3, 3)
+
+
+def test_mirroring_moves_grid_points_and_rotations_together() -> None:
+    one = scene(3)
+    plain = draw_scene(one, SIZES, np.random.default_rng(5), mirror=False, view=0)
+    mirrored = draw_scene(one, SIZES, np.random.default_rng(5), mirror=True, view=0)
+    assert (mirrored["grid"] == plain["grid"][:, ::-1]).all()
+    assert np.allclose(mirrored["positive"], plain["positive"] * [-1, 1, 1], atol=1e-6)
+    R, M = plain["positive_rotation"], mirrored["positive_rotation"]
+    assert np.allclose(np.linalg.det(M), 1.0, atol=1e-5)
+    assert np.allclose(M[:, :, 2], R[:, :, 2] * [-1, 1, 1], atol=1e-6)
+    assert np.allclose(np.abs((M[:, :, 1] * (R[:, :, 1] * [-1, 1, 1])).sum(1)), 1.0, atol=1e-5)
+
+
+def test_negatives_near_a_positive_do_not_count_for_graspness() -> None:
+    one = scene(4)
+    near = one.position.copy()
+    near[1::2] = near[0::2] + np.float32(0.004)
+    crowded = SceneSample(**(vars(one) | {"position": near, "positives": near[0::2].astype(np.float16)}))
+    drawn = draw_scene(crowded, SIZES, np.random.default_rng(0))
+    assert not drawn["negative_counts"].any()
+    weak = (drawn["weak"] + 0.5) * 0.3
+    distance = np.linalg.norm(weak[:, None] - near[None, 0::2], axis=2).min(axis=1)
+    assert (distance[drawn["weak_counts"]] > 0.02 - 1e-3).all()
+
+
+def test_no_object_is_in_both_splits() -> None:
+    config = GenerateConfig()
+    train, validation = object_pools(config, False), object_pools(config, True)
+    names = [{o.name for pools in side.values() for objects in pools for o in objects} for side in (train, validation)]
+    assert names[0] and names[1] and not names[0] & names[1]
+    assert all(is_validation(n) for n in names[1]) and not any(is_validation(n) for n in names[0])
