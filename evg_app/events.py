@@ -113,10 +113,11 @@ class FrameTaken:
 
 @dataclass(frozen=True, eq=False)
 class Fused:
-    """The frame became the planner's grid; `points` measured points lie above the table."""
+    """The frame, its depth times `depth_factor`, became the planner's grid; `points` lie above the table."""
 
     grid: TsdfGrid
     points: int
+    depth_factor: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -124,7 +124,10 @@ def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig
     folder = args.run_dir or default_name()
     config = snapshot(args, robot, camera, world_config)
     perception = TablePerception(
-        lab.world.T_base_task, lambda q: lab.camera.T_base_cam, motion.kinematics.link_primitives
+        lab.world.T_base_task,
+        lambda q: lab.camera.T_base_cam,
+        motion.kinematics.link_primitives,
+        camera.table_is_ruler,
     )
     with ExitStack() as stack:
         stack.callback(lab.world.close)

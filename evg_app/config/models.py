@@ -152,6 +152,7 @@ class CameraConfig(Model):
     frame_timeout_s: Positive = 5.0
     calibration_max_age_days: Positive = 30.0
     min_valid_ratio: Annotated[float, Field(ge=0, le=1)] = 0.3
+    table_is_ruler: bool = True
 
     def simulated_intrinsics(self) -> Intrinsics:
         """Pinhole model of the simulated depth stream."""

@@ -33,11 +33,13 @@ class View:
         tsdf: the planner's grid.
         volume: the collision volume in the base frame.
         points: how many measured points lie above the table inside the workspace.
+        depth_factor: what the depth was multiplied with to bring the table to its known height.
     """
 
     tsdf: TsdfGrid
     volume: CollisionVolume
     points: int
+    depth_factor: float = 1.0
 
 
 class Perception(Protocol):
@@ -166,7 +168,7 @@ class Settings:
     motion_slack: float = 1.5
     motion_grace_s: float = 5.0
     contact_slices: int = 2
-    close_after_contact: bool = False
+    close_after_contact: bool = True
     at_pose_rad: float = 0.02
     rest_rad_s: float = 0.02
     rest_timeout_s: float = 3.0

@@ -9,6 +9,7 @@ from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
 from evg_app.perception import self_filter
 from evg_app.perception.health import depth_health
 from evg_app.perception.projection import points_in
+from evg_app.perception.table import fit_table, rescale
 from evg_app.perception.tsdf import fuse
 from evg_app.perception.volume import fuse_volume
 from evg_app.picking.context import View
@@ -29,6 +30,7 @@ class TablePerception:
         T_base_task: where the workspace is. Shape (4, 4).
         camera_pose: T_base_cam (4, 4) for joint positions [rad]: constant for a fixed camera.
         links: the arm's links for joint positions [rad], removed from the depth image.
+        table_is_ruler: multiply depth by the factor that brings the seen table to its known height.
     """
 
     def __init__(
@@ -36,8 +38,10 @@ class TablePerception:
         T_base_task: Array,
         camera_pose: Callable[[Array], Array],
         links: Callable[[Array], Sequence[Capsule]],
+        table_is_ruler: bool = False,
     ) -> None:
         self._T_base_task, self._camera_pose, self._links = T_base_task, camera_pose, links
+        self._table_is_ruler = table_is_ruler
 
     @property
     def T_base_task(self) -> Array:
@@ -64,8 +68,10 @@ class TablePerception:
     def view(self, frame: Frame, q: Array) -> View:
         """Fuse a clean frame into the planner's grid and the collision volume."""
         T_cam_task = self._T_cam_task(q)
+        factor = fit_table(frame, T_cam_task).scale if self._table_is_ruler else 1.0
+        frame = rescale(frame, factor)
         volume = fuse_volume([(frame, invert(self.T_base_cam(q)))], self._T_base_task)
-        return View(fuse([(frame, T_cam_task)]), volume, points_above_table(frame, T_cam_task))
+        return View(fuse([(frame, T_cam_task)]), volume, points_above_table(frame, T_cam_task), factor)
 
     def _T_cam_task(self, q: Array) -> Array:
         return np.asarray(invert(self.T_base_cam(q)) @ self._T_base_task)

@@ -55,7 +55,11 @@ class Gathered:
             if frame.color is not None:
                 out["color"] = frame.color
         if self.fused is not None:
-            out |= {"tsdf": self.fused.grid.values, "observed": self.fused.grid.observed}
+            out |= {
+                "tsdf": self.fused.grid.values,
+                "observed": self.fused.grid.observed,
+                "depth_factor": np.array(self.fused.depth_factor),
+            }
         return out
 
     def _proposed(self) -> dict[str, np.ndarray[Any, Any]]:

@@ -63,8 +63,8 @@ def test_broken_grasps_are_never_judged(bad):
     assert not lab.motion_planner.seen
 
 
-def test_contact_on_the_approach_cancels_it_and_counts_as_a_failure():
-    lab = Lab(script="S", objects=1)
+def test_contact_on_the_approach_can_be_made_a_failure():
+    lab = Lab(script="S", objects=1, settings=Settings(close_after_contact=False))
 
     def touch(handle):
         lab.arm.wrench = np.array([0.0, 0.0, 60.0 if handle.t > 0.1 else 0.0, 0.0, 0.0, 0.0])
@@ -78,8 +78,8 @@ def test_contact_on_the_approach_cancels_it_and_counts_as_a_failure():
     assert np.allclose(lab.arm.q, pose(LOOK), atol=0.05)
 
 
-def test_when_asked_to_the_gripper_closes_where_contact_stopped_the_approach():
-    lab = Lab(script="SS", objects=1, settings=Settings(close_after_contact=True))
+def test_the_gripper_closes_where_contact_stopped_the_approach():
+    lab = Lab(script="SS", objects=1)
 
     def touch(handle):
         lab.arm.wrench = np.array([0.0, 0.0, 60.0 if handle.t > 0.1 else 0.0, 0.0, 0.0, 0.0])
