@@ -48,6 +48,7 @@ def export_weights(checkpoint: Path, out: Path, extra: dict[str, Any] | None = N
     model.load_state_dict(state["average"])
     out.parent.mkdir(parents=True, exist_ok=True)
     save_file({k: v.contiguous() for k, v in model.state_dict().items()}, str(out))
+    out.chmod(0o644)
     card = {
         "name": out.stem,
         "architecture": config["architecture"],

@@ -22,8 +22,10 @@ from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.scenes import SceneRecipe, generate_scene_state
 from evg_app.simulation.views import D435I, side_view
 
-PRECISION = 0.8
-"""Least share of positives that must hold in physics (packed scenes), and of negatives that must fail."""
+PRECISION = 0.9
+"""Least share of positives that must hold in physics (packed scenes)."""
+SLIPS_HELD, COLLISIONS_HELD = 0.35, 0.05
+"""Largest share of the two kinds of negatives that may hold all the same."""
 GRID_TOLERANCE = 0.009
 """1 mm depth steps against exact depth, in grid values (60 mm each), at any voxel of the band."""
 
@@ -91,8 +93,8 @@ def test_labels_agree_with_physics() -> None:
             tally[int(kind)].append(bench(T).held)
         bench.close()
     assert np.mean(tally[Kind.POSITIVE]) >= PRECISION
-    assert np.mean(tally[Kind.SLIP]) <= 1 - PRECISION
-    assert np.mean(tally[Kind.COLLISION]) <= 1 - PRECISION
+    assert np.mean(tally[Kind.SLIP]) <= SLIPS_HELD
+    assert np.mean(tally[Kind.COLLISION]) <= COLLISIONS_HELD
 
 
 def test_trial_in_the_air_holds_nothing_and_touches_nothing() -> None:
