@@ -55,9 +55,7 @@ class MissingExtra(BadInput):
 
     def __init__(self, package: str, extra: str) -> None:
         self.package, self.extra = package, extra
-        super().__init__(
-            f"'{package}' is not installed. Run: .venv/bin/pip install -c constraints.txt -e '.[{extra}]'"
-        )
+        super().__init__(f"'{package}' is not installed. Run: ./setup.sh {extra}")
 
 
 class Refused(EvgError):

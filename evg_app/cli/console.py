@@ -1,9 +1,26 @@
 """Where commands talk to the person in front of them."""
 
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 def say(text: str) -> None:
     """Write one line to standard output."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+@contextmanager
+def hushed() -> Iterator[None]:
+    """Nothing reaches standard output meanwhile: libraries that greet on import write past `sys.stdout`."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

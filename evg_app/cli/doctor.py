@@ -115,7 +115,7 @@ def check_weights() -> Iterator[Finding]:
 
     try:
         _, card = load_weights("equiigd")
-        yield Finding("weights equiigd", "ok", f"sha256 {card['sha256'][:12]}")
+        yield Finding("weights equiigd", "ok", f"sha256 {card.sha256[:12]}")
     except EvgError as error:
         yield Finding("weights equiigd", "fault", str(error), "Run: git checkout -- evg_app/weights")
 
