@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from evg_app.cli.console import say
+from evg_app.cli.console import hushed, say
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
 from evg_app.errors import BadInput, HardwareError
@@ -23,6 +23,13 @@ def _count(text: str) -> int:
     if value < 1:
         raise argparse.ArgumentTypeError("must be at least 1")
     return value
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    seeds = tuple(int(word) for word in text.split(","))
+    if min(seeds) < 0 or len(set(seeds)) < len(seeds):
+        raise argparse.ArgumentTypeError("must be different whole numbers from 0 up")
+    return seeds
 
 
 def _speed(text: str) -> float:
@@ -44,9 +51,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     parser.add_argument("--device", default="cpu", help="where the network runs: cpu or cuda")
     parser.add_argument("--rounds", type=_count, default=1, metavar="N", help="rounds (default: 1)")
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="S", help="seed of scenes, noise and policy (default: 0)"
-    )
+    seeds = parser.add_mutually_exclusive_group()
+    seeds.add_argument("--seed", type=_seeds, dest="seeds", default=(0,), metavar="S", help="of scenes, noise, policy")
+    seeds.add_argument("--seeds", type=_seeds, metavar="S,S,...", help="several seeds; --rounds counts for each")
     parser.add_argument("--run-dir", type=Path, metavar="DIR", help="run folder (default: runs/<date>-<id>)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the summary here")
     parser.add_argument(
@@ -104,7 +111,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, world_config: WorldConfig) -> int:
-    from evg_app.cli.lab import build_lab, filming
+    with hushed():
+        from evg_app.cli.lab import build_lab, filming
     from evg_app.cli.progress import Progress
     from evg_app.events import Event
     from evg_app.grasping.load import load_planner
@@ -151,7 +159,7 @@ def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig
             referee=lab.referee,
             tick=filming(lab.world, film),
         )
-        result = run_rounds(ctx, lab.rounds, [args.seed], args.rounds)
+        result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds)
     _report(folder, args.json)
     if result.error is not None:
         raise result.error
