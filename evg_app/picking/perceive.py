@@ -55,9 +55,8 @@ class TablePerception:
     def clean(self, frame: Frame, q: Array) -> Frame:
         """The frame without the arm's own links."""
         T_cam_base = invert(self.T_base_cam(q))
-        links = [self_filter.Capsule(link.p0, link.p1, link.radius) for link in self._links(q)]
         depth, _ = self_filter.remove_links(
-            frame.depth, frame.intrinsics, T_cam_base, links, depth_scale=frame.depth_scale
+            frame.depth, frame.intrinsics, T_cam_base, self._links(q), depth_scale=frame.depth_scale
         )
         return replace(frame, depth=depth.astype(np.uint16, copy=False))
 
