@@ -57,6 +57,7 @@ class JointLimits(Model):
     velocity_scale: Annotated[float, Field(gt=0, le=1)] = 0.5
     acceleration_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
     jerk_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
+    carry_scale: Annotated[float, Field(gt=0, le=1)] = 0.6
     position_margin_rad: Annotated[float, Field(ge=0, lt=0.5)] = 0.03
 
 

@@ -102,6 +102,9 @@ class ArmChecker:
     def __init__(self, kinematics: Kinematics, body: SphereBody, self_collision: SelfCollision) -> None:
         self.kinematics, self.body, self.self_collision = kinematics, body, self_collision
         self._links = _links(body)
+        self._around = np.stack([link.center for link in self._links])
+        self._around_frame = np.array([link.frame for link in self._links])
+        self._around_on_table = np.array([link.on_table for link in self._links])
         self._on_table = body.frame < FREE_FRAMES
 
     def centers(self, q: Array) -> Array:
@@ -120,15 +123,17 @@ class ArmChecker:
         frames = self.kinematics.frames(q)
         radius = self.body.radius if radius is None else radius
         hits = np.zeros(len(q), dtype=np.bool_)
-        for link in self._links:
+        placed = frames[:, self._around_frame]
+        middle = (placed[..., :3, :3] @ self._around[:, :, None])[..., 0] + placed[..., :3, 3]
+        around = _clearance(middle, scene, self._around_on_table)
+        for k, link in enumerate(self._links):
             if link.gripper and not gripper:
                 continue
-            R, p = frames[:, link.frame, :3, :3], frames[:, link.frame, :3, 3]
-            around = _clearance(R @ link.center + p, scene, np.bool_(link.on_table))
-            near = np.flatnonzero((around < link.radius) & ~hits)
+            near = np.flatnonzero((around[:, k] < link.radius) & ~hits)
             if len(near) == 0:
                 continue
-            centers = self.body.center[link.spheres] @ R[near].transpose(0, 2, 1) + p[near, None]
+            T = frames[near, link.frame]
+            centers = self.body.center[link.spheres] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
             clearance = _clearance(centers, scene, self._on_table[link.spheres])
             hits[near] |= (clearance < radius[link.spheres]).any(axis=1)
         return hits

@@ -1,17 +1,15 @@
 """Judge ranked grasps and plan the pick: every looked-at grasp is accepted or gets the one reason against it."""
 
-from itertools import islice
-
 import numpy as np
 
 from evg_app.config.models import RobotConfig
-from evg_app.errors import BadInput, LimitViolation, Refused
+from evg_app.errors import BadInput, Refused
 from evg_app.geometry import MAX_OPENING, WORKSPACE_SIZE, Array
 from evg_app.motion.collision import ArmChecker, SelfCollision
+from evg_app.motion.finish import Finisher
 from evg_app.motion.gripper import approach_hits, gripper_boxes, gripper_links, lift_hits
 from evg_app.motion.kinematics import Kinematics
 from evg_app.motion.legs import Leg, find_legs, lift_poses
-from evg_app.motion.path import JointPath
 from evg_app.motion.plan import PickDecision, PickPlan
 from evg_app.motion.route import Router
 from evg_app.motion.scene import Scene, SceneView, empty_scene, prepare
@@ -21,8 +19,6 @@ from evg_app.types import Grasps, Trajectory, Verdict
 
 __all__ = ["MotionPlanner", "SceneView"]
 
-MAX_LEGS = 4
-"""Executions of one grasp for which free paths are looked for."""
 MAX_SEARCHES = 2
 """Grasps of one decision for which blocked straight paths are worth a tree search."""
 LIFT_CHECKS = 8
@@ -47,6 +43,8 @@ class MotionPlanner:
         self.home_q, self.look_q = np.array(robot.home_q_rad), np.array(robot.look_q_rad)
         self.drop_q = np.array(robot.drop.q_rad)
         self._router = Router(self.checker, (self.home_q, self.look_q))
+        tip = float(self._gripper.high[self._gripper.side != 0, 2].max())
+        self._finisher = Finisher(robot, self._router, tip)
         self._declared = empty_scene(robot)
         for key, q in (("home_q_rad", self.home_q), ("look_q_rad", self.look_q), ("drop.q_rad", self.drop_q)):
             problem = self._problem(q, self._declared)
@@ -143,8 +141,8 @@ class MotionPlanner:
         legs = find_legs(self.robot, self.checker, scene, T_base_grasp, q_start)
         if isinstance(legs, Verdict):
             return legs
-        free = list(islice((leg for leg in legs if self._leg_free(leg, scene)), MAX_LEGS))
-        return self._plan(free, scene, q_start, search) if free else Verdict.ARM_COLLISION
+        free = (leg for leg in legs if self._leg_free(leg, scene))
+        return self._finisher.plan(free, scene, T_base_grasp, width, q_start, search)
 
     def _gripper_hits(self, scene: Scene, T_base_grasp: Array, width: float) -> bool:
         robot = self.robot
@@ -160,31 +158,3 @@ class MotionPlanner:
         if self.checker.hits_scene(pregrasp, scene)[0]:
             return False
         return self._router.is_free(leg.approach, check) and self._router.is_free(leg.lift, check)
-
-    def _plan(self, legs: list[Leg], scene: Scene, q_start: Array, search: bool) -> tuple[Leg, PickPlan] | Verdict:
-        """The first leg that free paths can be joined to; tree searches only when nothing simpler works."""
-        for with_search in (False, True) if search else (False,):
-            for leg in legs[: 1 if with_search else None]:
-                paths = self._free_paths(leg, scene, q_start, with_search)
-                if paths is None:
-                    continue
-                try:
-                    times = [time_path(path, self.robot) for path in paths]
-                except (Refused, LimitViolation):
-                    continue
-                reach, approach, lift, transport, retreat, back = times
-                return leg, PickPlan(leg.T_base_grasp, reach, approach, lift, transport, retreat, back)
-        return Verdict.NO_PATH
-
-    def _free_paths(self, leg: Leg, scene: Scene, q_start: Array, search: bool) -> list[JointPath] | None:
-        """reach, approach, lift, transport, retreat, back."""
-        pregrasp, lifted = leg.approach.at(np.zeros(1))[0], leg.lift.end
-        ends = ((q_start, pregrasp), (lifted, self.drop_q), (lifted, self.look_q), (self.drop_q, self.look_q))
-        found: list[JointPath] = []
-        for a, b in ends:
-            path = self._router.connect(a, b, scene, search)
-            if path is None:
-                return None
-            found.append(path)
-        reach, transport, retreat, back = found
-        return [reach, leg.approach, leg.lift, transport, retreat, back]

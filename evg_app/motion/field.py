@@ -5,6 +5,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.spatial import cKDTree
 
 from evg_app.geometry import Array
 from evg_app.types import CollisionVolume
@@ -26,6 +27,7 @@ class DistanceField:
         self._voxel = voxel_size
         part, first = _cropped(occupied)
         self._origin = np.asarray(origin, dtype=np.float64) + first * voxel_size
+        self._occupied = part
         self._top = np.array(part.shape) - 1
         if part.any():
             self._distance = (ndimage.distance_transform_edt(~part) * voxel_size).astype(np.float32)
@@ -37,20 +39,27 @@ class DistanceField:
         """The field of a volume's occupied voxels."""
         return cls(volume.occupied, volume.origin, volume.voxel_size)
 
+    def without(self, points: Array, voxels: float) -> Self:
+        """The field of everything but the voxels whose centre is within `voxels` sides of a point of (P, 3) [m]."""
+        index = np.argwhere(self._occupied)
+        if len(index) == 0 or len(points) == 0:
+            return self
+        centers = self._origin + (index + 0.5) * self._voxel
+        gap, _ = cKDTree(points).query(centers, distance_upper_bound=voxels * self._voxel)
+        part = self._occupied.copy()
+        part[tuple(index[np.isfinite(gap)].T)] = False
+        return type(self)(part, self._origin, self._voxel)
+
     def at(self, points: Array) -> Array:
         """Distances [m] of points (..., 3) [m, base frame]. Shape (...)."""
         if points.ndim == 1:
             return np.asarray(self.at(points[None])[0])
-        index, square = [], np.zeros(points.shape[:-1])
-        for axis in range(3):
-            grid = points[..., axis] * (1.0 / self._voxel)
-            grid -= self._origin[axis] / self._voxel + 0.5
-            nearest = np.clip(grid, 0.0, self._top[axis])
-            grid -= nearest
-            grid *= grid
-            square += grid
-            index.append(np.rint(nearest).astype(np.intp))
-        inside = self._distance[index[0], index[1], index[2]].astype(np.float64)
+        beyond = points * (1.0 / self._voxel) - (self._origin / self._voxel + 0.5)
+        nearest = np.minimum(np.maximum(beyond, 0.0), self._top)
+        beyond -= nearest
+        index = np.rint(nearest).astype(np.intp)
+        inside = self._distance[index[..., 0], index[..., 1], index[..., 2]].astype(np.float64)
+        square = np.einsum("...i,...i->...", beyond, beyond)
         return np.asarray(np.sqrt(inside * inside + square * self._voxel**2))
 
 

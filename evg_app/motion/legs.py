@@ -1,6 +1,7 @@
 """The straight parts of a pick, approach and lift, over the arm's redundancy and both antipodal flips."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,15 +34,25 @@ class Leg:
     Attributes:
         T_base_grasp: flip included. Shape (4, 4).
         flipped: whether it is the antipodal twin.
-        approach, lift: joint paths.
+        approach_q, lift_q: configurations along both straight parts. Shape (K, 7) [rad].
         cost: about how long it takes from the reference and back, and closeness to limits [s].
     """
 
     T_base_grasp: Array
     flipped: bool
-    approach: JointPath
-    lift: JointPath
+    approach_q: Array
+    lift_q: Array
     cost: float
+
+    @cached_property
+    def approach(self) -> JointPath:
+        """Pre-grasp to grasp."""
+        return through(self.approach_q)
+
+    @cached_property
+    def lift(self) -> JointPath:
+        """Grasp to lifted."""
+        return through(self.lift_q)
 
 
 @dataclass(frozen=True)
@@ -149,5 +160,5 @@ def _straight(
         n = len(approach)
         for k in np.flatnonzero(solved & inside & (jump < MAX_JUMP)):
             cost = _time_of(checker, q_reference, q[k, :n], q[k, n:])
-            legs.append(Leg(T, bool(flip), through(q[k, :n]), through(q[k, n:]), cost))
+            legs.append(Leg(T, bool(flip), q[k, :n], q[k, n:], cost))
     return sorted(legs, key=lambda leg: leg.cost) or reason

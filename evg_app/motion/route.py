@@ -1,12 +1,13 @@
 """Free joint-space motion: straight, over a raised via-point, or by RRT-Connect; always checked densely."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from evg_app.errors import Refused
 from evg_app.geometry import Array
+from evg_app.motion.carry import Carry
 from evg_app.motion.collision import ArmChecker
 from evg_app.motion.path import JointPath, blended, line, polyline
 from evg_app.motion.rrt import rrt_connect
@@ -18,6 +19,8 @@ CHECK_STEP = 0.01
 """No point of the arm moves further than this between two checks [m]."""
 COARSE = 16
 """Checks of the first, coarse pass."""
+LIFT_CHECKS = 33
+"""Poses of a lift at which the held object is checked: no more than 1 cm apart."""
 RAISES = (0.08, 0.16, 0.26)
 """Heights of the via-points above start and goal [m]."""
 INTERVALS = (8, 16, 32)
@@ -33,11 +36,13 @@ class Check:
         gripper: whether hand and fingers count.
         radius: of each sphere [m]: smaller than its own for spheres that touch something at the very start, which
             may leave but not come closer. Shape (S,).
+        carry: what the hand holds, if anything.
     """
 
     scene: Scene
     gripper: bool
     radius: Array
+    carry: Carry | None = None
 
 
 class Router:
@@ -66,16 +71,32 @@ class Router:
         finer = int(np.ceil(np.sqrt(np.einsum("nsi,nsi->ns", moved, moved).max()) / CHECK_STEP))
         return finer <= 1 or self._free(path.even((COARSE - 1) * finer + 1), check)
 
+    def carry_hits(self, path: JointPath, carry: Carry) -> bool:
+        """Whether a held object touches something on a path along which the arm was found free."""
+        hands = self.checker.kinematics.fk_hand(path.even(LIFT_CHECKS))
+        return bool(carry.hits(hands).any())
+
     def _free(self, q: Array, check: Check) -> bool:
         if not self.checker.kinematics.possible(q).all():
+            return False
+        if check.carry is not None and check.carry.hits(self.checker.kinematics.fk_hand(q)).any():
             return False
         if self.checker.hits_scene(q, check.scene, check.gripper, check.radius).any():
             return False
         return not self.checker.self_collision.any_collides(q)
 
-    def connect(self, a: Array, b: Array, scene: Scene, search: bool = True) -> JointPath | None:
-        """A free path from a to b (J,), or None; `search` allows the tree search when nothing simpler works."""
-        check = self.check(scene, a)
+    def connect(
+        self, a: Array, b: Array, scene: Scene, search: bool = True, carry: Carry | None = None
+    ) -> JointPath | None:
+        """A free path from a to b (J,), or None.
+
+        Args:
+            a, b: shape (J,).
+            scene: prepared scene.
+            search: allows the tree search when nothing simpler works.
+            carry: what the hand holds, if anything.
+        """
+        check = replace(self.check(scene, a), carry=carry)
         straight = line(a, b)
         if self.is_free(straight, check):
             return straight

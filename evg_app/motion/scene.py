@@ -3,14 +3,19 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evg_app.config.models import RobotConfig
-from evg_app.geometry import TABLE_HEIGHT, Array, transform_points
+from evg_app.geometry import TABLE_HEIGHT, Array, invert, transform_points
 from evg_app.motion.field import DistanceField
 from evg_app.types import Box, Capsule, CollisionVolume, TsdfGrid
 
+Flags = NDArray[np.bool_]
+
 TABLE_BAND = 0.006
 """Surface points up to this far above the table plane are the table's [m]: it is known analytically."""
+FREE_FROM = 0.65
+"""Value of the grid above which a voxel counts as free: 9 mm in front of the surface."""
 SELF_PADDING = 0.02
 """Occupied voxels this close to the arm's present pose cannot be real and are dropped [m]."""
 
@@ -61,17 +66,12 @@ class Boxes:
         """Distance [m] of points (..., 3) to the nearest box, 0 inside, infinite without boxes. Shape (...)."""
         if points.ndim == 1:
             return np.asarray(self.distance(points[None])[0])
-        nearest = np.full(points.shape[:-1], np.inf)
-        for center, half in zip(self.center, self.half, strict=True):
-            square = np.zeros(points.shape[:-1])
-            for axis in range(3):
-                beyond = np.abs(points[..., axis] - center[axis])
-                beyond -= half[axis]
-                np.maximum(beyond, 0.0, out=beyond)
-                beyond *= beyond
-                square += beyond
-            np.minimum(nearest, square, out=nearest)
-        return np.asarray(np.sqrt(nearest))
+        if len(self.center) == 0:
+            return np.full(points.shape[:-1], np.inf)
+        beyond = np.abs(points[..., None, :] - self.center)
+        beyond -= self.half
+        np.maximum(beyond, 0.0, out=beyond)
+        return np.asarray(np.sqrt(np.einsum("...i,...i->...", beyond, beyond).min(axis=-1)))
 
 
 @dataclass(frozen=True)
@@ -84,12 +84,51 @@ class Scene:
         field: distance to the occupied voxels, without the table's.
         boxes: declared boxes.
         table: the table plane.
+        extra: declared boxes beside those of the robot config.
+        known: which voxels of the cube were seen to be free, and where they are; None when nothing was seen.
     """
 
     points: Array
     field: DistanceField | None
     boxes: Boxes
     table: Plane
+    extra: tuple[Box, ...] = ()
+    known: "FreeSpace | None" = None
+
+    def free(self, points: Array) -> Flags:
+        """Whether points (..., 3) lie in space that was seen to be free. Shape (...)."""
+        if self.known is None:
+            return np.zeros(points.shape[:-1], dtype=np.bool_)
+        return self.known.at(points)
+
+
+@dataclass(frozen=True)
+class FreeSpace:
+    """Voxels of the workspace cube in front of every seen surface.
+
+    Attributes:
+        voxels: bool (N, N, N).
+        voxel_size: [m].
+        T_task_base: maps the base frame to the cube's. Shape (4, 4).
+    """
+
+    voxels: Flags
+    voxel_size: float
+    T_task_base: Array
+
+    @staticmethod
+    def of(grid: TsdfGrid, T_base_task: Array) -> "FreeSpace":
+        """Observed voxels that are more than `FREE_FROM` of the band in front of a surface."""
+        free = grid.observed & ((grid.values == 0) | (grid.values > FREE_FROM))
+        return FreeSpace(free, grid.size / grid.values.shape[0], invert(T_base_task))
+
+    def at(self, points: Array) -> Flags:
+        """Whether points (..., 3) [m, base frame] lie in such a voxel. Shape (...)."""
+        in_task = points @ self.T_task_base[:3, :3].T + self.T_task_base[:3, 3]
+        index = np.floor(in_task / self.voxel_size).astype(np.intp)
+        inside = ((index >= 0) & (index < self.voxels.shape[0])).all(axis=-1)
+        index = np.clip(index, 0, self.voxels.shape[0] - 1)
+        return np.asarray(inside & self.voxels[index[..., 0], index[..., 1], index[..., 2]])
 
 
 def table_plane(robot: RobotConfig) -> Plane:
@@ -127,7 +166,8 @@ def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
     surface = surface[table.height(surface) > TABLE_BAND]
     boxes = Boxes.of((*declared_boxes(robot), *view.boxes))
     field = DistanceField(occupied, volume.origin, volume.voxel_size)
-    return Scene(np.concatenate([surface, centers[outside]]), field, boxes, table)
+    points = np.concatenate([surface, centers[outside]])
+    return Scene(points, field, boxes, table, view.boxes, FreeSpace.of(view.tsdf, T_base_task))
 
 
 def surface_points(grid: TsdfGrid) -> Array:

@@ -33,8 +33,13 @@ def limits(robot: RobotConfig) -> tuple[Array, Array, Array]:
     )
 
 
-def time_path(path: JointPath, robot: RobotConfig) -> Trajectory:
-    """A fast rest-to-rest trajectory along a path, verified.
+def time_path(path: JointPath, robot: RobotConfig, share: float = 1.0) -> Trajectory:
+    """A fast rest-to-rest trajectory along a path, verified against the robot's limits.
+
+    Args:
+        path: where to go.
+        robot: for the limits.
+        share: of velocity, acceleration and jerk limits that is used, in (0, 1].
 
     Raises:
         LimitViolation: the path itself leaves the joint limits.
@@ -43,7 +48,7 @@ def time_path(path: JointPath, robot: RobotConfig) -> Trajectory:
     if path.length < MIN_LENGTH:
         q = np.repeat(path.at(np.zeros(1)), 2, axis=0)
         return _checked(Trajectory(tuple(robot.joints), DT, q, np.zeros_like(q), np.zeros_like(q)), robot)
-    scale = 1.0
+    scale = share
     v, a, j = limits(robot)
     for _ in range(6):
         trajectory = _sample(path, fastest(path, (scale * v, scale * a, scale * j)), robot)

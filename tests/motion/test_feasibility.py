@@ -39,9 +39,9 @@ def test_a_lone_can_is_picked_and_the_motions_join(planner, robot, make_scene, t
         "reach": (planner.look_q, pick.approach.q[0]),
         "approach": (pick.reach.q[-1], pick.lift.q[0]),
         "lift": (pick.approach.q[-1], pick.transport.q[0]),
-        "transport": (pick.lift.q[-1], planner.drop_q),
+        "transport": (pick.lift.q[-1], pick.back.q[0]),
         "retreat": (pick.lift.q[-1], planner.look_q),
-        "back": (planner.drop_q, planner.look_q),
+        "back": (pick.transport.q[-1], planner.look_q),
     }
     for name, (start, end) in ends.items():
         trajectory = getattr(pick, name)
@@ -50,6 +50,13 @@ def test_a_lone_can_is_picked_and_the_motions_join(planner, robot, make_scene, t
     T_wanted = robot.T_base_task.matrix() @ T @ (T_GRASP_FLIPPED if decision.flipped else np.eye(4))
     np.testing.assert_allclose(pick.T_base_grasp, T_wanted, atol=1e-9)
     np.testing.assert_allclose(grasp_pose(planner, robot, pick.approach.q[-1]), T_wanted, atol=POSE_TOLERANCE)
+
+
+def test_the_object_is_let_go_with_the_tips_above_the_middle_of_the_bin(planner, make_scene, top_grasp, as_grasps):
+    pick = planner.plan_pick(as_grasps(top_grasp(CAN_TIP)), make_scene([CAN]), planner.look_q).pick
+    wanted, tip = (planner.kinematics.fk_hand(q) @ [0, 0, 0.112, 1] for q in (planner.drop_q, pick.transport.q[-1]))
+    np.testing.assert_allclose(tip[:2], wanted[:2], atol=1e-3)
+    assert tip[2] > wanted[2] - 1e-3
 
 
 def test_the_approach_is_straight_along_the_grasp_and_the_lift_ends_higher(

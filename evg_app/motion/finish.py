@@ -1,0 +1,112 @@
+"""From a straight approach and lift to a whole pick: joined by free paths, the object in the hand, and timed."""
+
+from collections.abc import Iterator
+from itertools import chain, islice
+
+import numpy as np
+
+from evg_app.config.models import RobotConfig
+from evg_app.errors import LimitViolation, Refused
+from evg_app.geometry import Array
+from evg_app.motion.carry import Carry, drop_goals
+from evg_app.motion.held import Held, estimate
+from evg_app.motion.kinematics import hand_of_grasp
+from evg_app.motion.legs import Leg
+from evg_app.motion.path import JointPath
+from evg_app.motion.plan import PickPlan
+from evg_app.motion.route import Router
+from evg_app.motion.scene import Scene
+from evg_app.motion.trajectory import time_path
+from evg_app.types import Verdict
+
+MAX_LEGS = 4
+"""Executions of one grasp for which free paths are looked for."""
+
+
+class Finisher:
+    """Completes picks. Pure: equal inputs give equal plans."""
+
+    def __init__(self, robot: RobotConfig, router: Router, tip: float) -> None:
+        """`tip` is where the finger tips end on the grasp's z axis [m]."""
+        self._robot, self._router, self._tip = robot, router, tip
+        self._look_q = np.array(robot.look_q_rad)
+
+    def plan(
+        self, legs: Iterator[Leg], scene: Scene, T_base_grasp: Array, width: float, q_start: Array, search: bool
+    ) -> tuple[Leg, PickPlan] | Verdict:
+        """The first of the legs that can be completed, with the whole object in hand, else with a shorter one.
+
+        Args:
+            legs: free executions of one grasp, cheapest first.
+            scene: prepared scene.
+            T_base_grasp: shape (4, 4).
+            width: opening at the grasp [m].
+            q_start: where the arm is. Shape (7,).
+            search: whether tree searches may be made when nothing simpler works.
+        """
+        first = next(legs, None)
+        if first is None:
+            return Verdict.ARM_COLLISION
+        whole = estimate(self._robot, scene, T_base_grasp, width, self._tip)
+        tips = T_base_grasp[:3, 3] + self._tip * T_base_grasp[:3, 2]
+        short = whole.shortened(float(scene.table.height(tips)))
+        seen: list[Leg] = []
+        for leg in islice(chain([first], legs), MAX_LEGS):
+            seen.append(leg)
+            plan = self._complete(leg, whole, scene, q_start, False)
+            if plan is not None:
+                return leg, plan
+        rest = [(leg, short, False) for leg in seen]
+        if search:
+            rest += [(seen[0], held, True) for held in (whole, short)]
+        for leg, held, with_search in rest:
+            plan = self._complete(leg, held, scene, q_start, with_search)
+            if plan is not None:
+                return leg, plan
+        return Verdict.NO_PATH
+
+    def _complete(self, leg: Leg, held: Held, scene: Scene, q_start: Array, search: bool) -> PickPlan | None:
+        """Join paths to a leg and time everything; None when something is missing."""
+        router = self._router
+        T_base_hand = hand_of_grasp(self._robot, leg.T_base_grasp)
+        held = held.attached(T_base_hand)
+        if router.carry_hits(leg.lift, Carry.lift(held, T_base_hand)):
+            return None
+        transport = self._transport(leg.lift.end, held, scene, search)
+        if transport is None:
+            return None
+        ends = ((q_start, leg.approach_q[0]), (leg.lift.end, self._look_q), (transport.end, self._look_q))
+        joined = [router.connect(a, b, scene, search) for a, b in ends]
+        free = [path for path in joined if path is not None]
+        if len(free) < len(joined):
+            return None
+        return self._timed(leg, transport, *free)
+
+    def _transport(self, lifted_q: Array, held: Held, scene: Scene, search: bool) -> JointPath | None:
+        """To the first drop pose that can be reached with the object."""
+        kinematics = self._router.checker.kinematics
+        tip = self._tip + self._robot.gripper.hand_to_grasp_z_m
+        T_lifted = kinematics.fk_hand(lifted_q)
+        for goal in drop_goals(self._robot, kinematics, held, lifted_q, tip):
+            carry = Carry.transport(held, T_lifted, kinematics.fk_hand(goal))
+            path = self._router.connect(lifted_q, goal, scene, search, carry)
+            if path is not None:
+                return path
+        return None
+
+    def _timed(
+        self, leg: Leg, transport: JointPath, reach: JointPath, retreat: JointPath, back: JointPath
+    ) -> PickPlan | None:
+        robot, carrying = self._robot, self._robot.limits.carry_scale
+        try:
+            return PickPlan(
+                T_base_grasp=leg.T_base_grasp,
+                reach=time_path(reach, robot),
+                approach=time_path(leg.approach, robot),
+                lift=time_path(leg.lift, robot, carrying),
+                transport=time_path(transport, robot, carrying),
+                retreat=time_path(retreat, robot),
+                back=time_path(back, robot),
+            )
+        except (Refused, LimitViolation):
+            return None
