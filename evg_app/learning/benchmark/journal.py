@@ -1,0 +1,70 @@
+"""Finished rounds on disk: one JSON line each beside the result, so that an interrupted benchmark goes on."""
+
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+from evg_app.errors import BadInput
+from evg_app.learning.benchmark.rounds import RoundResult
+
+log = logging.getLogger(__name__)
+
+
+class Journal:
+    """The lines of one benchmark. The first line says what was measured; a broken last line is left out."""
+
+    def __init__(self, path: Path, header: dict[str, Any]) -> None:
+        """Open the file, or begin it with `header` (its "digest" tells benchmarks apart).
+
+        Raises:
+            BadInput: the file holds rounds of another benchmark, or cannot be read or written.
+        """
+        self.path = path
+        self.rows: list[RoundResult] = []
+        lines = self._lines()
+        if not lines:
+            self._write(json.dumps(header) + "\n", "w")
+            return
+        if lines[0].get("digest") != header["digest"]:
+            raise BadInput(
+                f"{path} holds rounds of other settings, weights or objects; name another --json, or delete that file"
+            )
+        self.rows = [RoundResult.from_dict(line) for line in lines[1:]]
+
+    def append(self, row: RoundResult) -> None:
+        """Add one finished round.
+
+        Raises:
+            BadInput: the file cannot be written.
+        """
+        self.rows.append(row)
+        self._write(json.dumps(row.to_dict()) + "\n", "a")
+
+    def _lines(self) -> list[dict[str, Any]]:
+        """The readable lines; what an interruption left half-written at the end is cut off."""
+        try:
+            text = self.path.read_text(encoding="utf-8") if self.path.exists() else ""
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInput(f"{self.path} cannot be read ({error}); delete it, or name another --json") from error
+        found: list[dict[str, Any]] = []
+        whole = 0
+        for line in text.splitlines(keepends=True):
+            try:
+                if not line.endswith("\n"):
+                    raise ValueError("the line has no end")
+                found.append(json.loads(line))
+            except ValueError as error:
+                log.warning("%s: a broken line (%s); it and what follows is left out", self.path, error)
+                self._write(text[:whole], "w")
+                break
+            whole += len(line)
+        return found
+
+    def _write(self, text: str, mode: str) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with self.path.open(mode, encoding="utf-8") as file:
+                file.write(text)
+        except OSError as error:
+            raise BadInput(f"{self.path} cannot be written: {error.strerror}. Name a --json you may write") from error
