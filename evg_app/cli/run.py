@@ -16,6 +16,8 @@ from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
 from evg_app.errors import BadInput, HardwareError
 
 DEFAULT_SCENE = "packed"
+PLANNER_THREADS = 1
+"""Threads of the network: more gain little and stall for seconds when another process holds a core."""
 
 
 def _count(text: str) -> int:
@@ -111,6 +113,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, world_config: WorldConfig) -> int:
+    import torch
+
     with hushed():
         from evg_app.cli.lab import build_lab, filming
     from evg_app.cli.progress import Progress
@@ -125,6 +129,7 @@ def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig
     from evg_app.trials.folder import default_name
     from evg_app.trials.recorder import Recorder
 
+    torch.set_num_threads(PLANNER_THREADS)
     planner = load_planner(args.model, args.weights, args.device)
     motion = MotionPlanner(robot)
     lab = build_lab(robot, camera, world_config, args.objects, args.gui, args.speed)
