@@ -1,5 +1,6 @@
 """Where commands talk to the person in front of them."""
 
+import ctypes
 import os
 import sys
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ def hushed() -> Iterator[None]:
         os.dup2(nowhere, 1)
         yield
     finally:
+        ctypes.CDLL(None).fflush(None)  # what C code has buffered must not surface later
         os.dup2(kept, 1)
         os.close(kept)
         os.close(nowhere)

@@ -5,6 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
+from evg_app.events import Sink
+from evg_app.grasping.protocol import Planner
+from evg_app.motion.feasibility import MotionPlanner
+from evg_app.picking.context import Context, Devices
+from evg_app.picking.motion import PlannedMotion
+from evg_app.picking.perceive import TablePerception
 from evg_app.simulation.arm import SimulatedArm
 from evg_app.simulation.camera import SimulatedCamera, spectate
 from evg_app.simulation.gripper import SimulatedGripper
@@ -58,6 +64,35 @@ def build_lab(
         SimClock(world),
         SimReferee(world),
         SimRounds(world),
+    )
+
+
+def loop_context(
+    lab: SimLab,
+    robot: RobotConfig,
+    camera: CameraConfig,
+    planner: Planner,
+    motion: MotionPlanner,
+    sink: Sink,
+    film: Film,
+) -> Context:
+    """What the loop needs of a lab whose devices are entered. The camera stands still, so its pose is constant."""
+    perception = TablePerception(
+        lab.world.T_base_task,
+        lambda q: lab.camera.T_base_cam,
+        motion.kinematics.link_primitives,
+        camera.table_is_ruler,
+    )
+    return Context(
+        devices=Devices(lab.camera, lab.arm, lab.gripper, lab.clock),
+        perception=perception,
+        planner=planner,
+        motion=PlannedMotion(motion),
+        robot=robot,
+        camera=camera,
+        sink=sink,
+        referee=lab.referee,
+        tick=filming(lab.world, film),
     )
 
 

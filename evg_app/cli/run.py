@@ -116,54 +116,27 @@ def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig
     import torch
 
     with hushed():
-        from evg_app.cli.lab import build_lab, filming
+        from evg_app.cli.lab import build_lab, loop_context
     from evg_app.cli.progress import Progress
-    from evg_app.events import Event
+    from evg_app.events import fan_out
     from evg_app.grasping.load import load_planner
     from evg_app.motion.feasibility import MotionPlanner
-    from evg_app.picking.context import Context, Devices
-    from evg_app.picking.motion import PlannedMotion
-    from evg_app.picking.perceive import TablePerception
     from evg_app.picking.run import run_rounds
     from evg_app.trials.film import Film
     from evg_app.trials.folder import default_name
     from evg_app.trials.recorder import Recorder
 
     torch.set_num_threads(PLANNER_THREADS)
-    planner = load_planner(args.model, args.weights, args.device)
-    motion = MotionPlanner(robot)
+    planner, motion = load_planner(args.model, args.weights, args.device), MotionPlanner(robot)
     lab = build_lab(robot, camera, world_config, args.objects, args.gui, args.speed)
-    film = Film()
-    folder = args.run_dir or default_name()
-    config = snapshot(args, robot, camera, world_config)
-    perception = TablePerception(
-        lab.world.T_base_task,
-        lambda q: lab.camera.T_base_cam,
-        motion.kinematics.link_primitives,
-        camera.table_is_ruler,
-    )
+    film, folder = Film(), args.run_dir or default_name()
     with ExitStack() as stack:
         stack.callback(lab.world.close)
+        config = snapshot(args, robot, camera, world_config)
         recorder = stack.enter_context(Recorder(folder, config, film=film, pictures_in_film=False))
         for device in (lab.camera, lab.arm, lab.gripper):
             stack.enter_context(device)
-        progress = Progress()
-
-        def sink(event: Event) -> None:
-            recorder(event)
-            progress(event)
-
-        ctx = Context(
-            devices=Devices(lab.camera, lab.arm, lab.gripper, lab.clock),
-            perception=perception,
-            planner=planner,
-            motion=PlannedMotion(motion),
-            robot=robot,
-            camera=camera,
-            sink=sink,
-            referee=lab.referee,
-            tick=filming(lab.world, film),
-        )
+        ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress()), film)
         result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds)
     _report(folder, args.json)
     if result.error is not None:
