@@ -2,15 +2,19 @@
 
 from pathlib import Path
 
-from evg_app.errors import BadInput, UnknownName
+from evg_app.errors import BadInput, UnknownName, WeightsError
 from evg_app.grasping.antipodal import AntipodalPlanner
+from evg_app.grasping.giga import GigaPlanner
 from evg_app.grasping.planner import GraspPlanner, PlannerConfig
 from evg_app.grasping.protocol import Planner
 from evg_app.grasping.random import RandomPlanner
+from evg_app.grasping.vgn import VgnPlanner
 
 LEARNED = ("equiigd", "equigiga")
 """Models that need weights."""
-MODELS = (*LEARNED, "antipodal", "random")
+PUBLISHED = ("giga", "vgn")
+"""Models of others, for comparison; their official weights are not shipped."""
+MODELS = (*LEARNED, *PUBLISHED, "antipodal", "random")
 """Names that `load_planner` knows."""
 
 
@@ -24,7 +28,8 @@ def load_planner(
 
     Args:
         model: one of `MODELS`.
-        weights: a shipped name or a `.safetensors` path; None for the shipped weights of the model's name.
+        weights: a shipped name or a `.safetensors` path; None for the shipped weights of the model's name. For the
+            models in `PUBLISHED` the path of an official `.pt` file.
         device: where torch runs.
         config: how the learned planners search.
 
@@ -35,8 +40,19 @@ def load_planner(
     """
     if model in LEARNED:
         return GraspPlanner.load(model, weights, device, config)
+    if model in PUBLISHED:
+        return _load_published(model, weights, device)
     if model not in MODELS:
         raise UnknownName("model", model, list(MODELS))
     if weights is not None:
         raise BadInput(f"the model '{model}' takes no weights, but got '{weights}'; leave out --weights")
     return AntipodalPlanner() if model == "antipodal" else RandomPlanner()
+
+
+def _load_published(model: str, weights: str | Path | None, device: str) -> Planner:
+    if weights is None:
+        raise WeightsError(
+            f"the model '{model}' has no shipped weights; give its official .pt file with --weights FILE"
+        )
+    path = Path(weights)
+    return GigaPlanner.load(path, device) if model == "giga" else VgnPlanner.load(path, device)

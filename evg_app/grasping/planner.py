@@ -78,7 +78,7 @@ class GraspPlanner:
     ) -> None:
         if not isinstance(net, EquiIGD | EquiGIGA):
             raise BadInput(f"no planner for a network of type {type(net).__name__}; use EquiIGD or EquiGIGA")
-        self._device = _device(device)
+        self._device = torch_device(device)
         self._net = net.eval().to(self._device)
         self._name, self._sha = name, weights_sha256
         self.config = config or PlannerConfig()
@@ -232,7 +232,7 @@ def _orthonormal(rotation: Array) -> Array:
     return nearest
 
 
-def _device(device: str) -> torch.device:
+def torch_device(device: str) -> torch.device:
     """The torch device of that name.
 
     Raises:

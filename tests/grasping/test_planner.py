@@ -135,7 +135,7 @@ def test_planners_load_by_name_and_unknown_ones_say_what_exists(tmp_path, monkey
     with pytest.raises(WeightsError, match="for the model 'equigiga', not 'equiigd'"):
         load_planner("equiigd", weights="equigiga")
     with pytest.raises(UnknownName) as caught:
-        load_planner("vgn")
+        load_planner("nothing")
     assert caught.value.known == list(MODELS)
     with pytest.raises(BadInput, match="takes no weights"):
         load_planner("antipodal", weights="equigiga")
