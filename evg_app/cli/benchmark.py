@@ -14,6 +14,8 @@ from evg_app.trials.statistics import rate
 
 SCENES = ("packed", "pile", "adversarial")
 NOISES = ("gamma", "gaussian", "none")
+VIEWS = ("side", "random", "random-orbitgrasp", "random-igd")
+MODELS = "equiigd, equigiga, giga, vgn, antipodal or random (default: equiigd)"
 
 
 def _count(text: str) -> int:
@@ -44,7 +46,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def _add_clutter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scene", choices=SCENES, default="packed", help="(default: packed)")
-    parser.add_argument("--view", choices=_views(), default="side", help="fixed side view, or random (ICGNet's recipe)")
+    parser.add_argument("--view", choices=VIEWS, default="side", help="fixed side view, or random (ICGNet's recipe)")
     parser.add_argument("--noise", choices=NOISES, default="gamma", help="depth noise (default: gamma)")
     parser.add_argument("--objects", type=Path, metavar="DIR", help="URDFs in VGN's layout (default: built-in test)")
     parser.add_argument(
@@ -53,7 +55,7 @@ def _add_clutter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--count", type=_count, default=5, metavar="N", help="objects asked for (default: 5)")
     parser.add_argument("--rounds", type=_count, default=100, metavar="N", help="of each seed (default: 100)")
     parser.add_argument("--seeds", type=_seed, nargs="+", default=[0], metavar="S", help="(default: 0)")
-    parser.add_argument("--model", default="equiigd", metavar="NAME", help=_models())
+    parser.add_argument("--model", default="equiigd", metavar="NAME", help=MODELS)
     parser.add_argument("--weights", metavar="FILE", help="weights file or shipped name (default: the model's)")
     parser.add_argument("--device", default="cpu", help="where the network runs (default: cpu)")
     parser.add_argument("--camera", choices=("d435i", "giga"), default="d435i", help="the paper's, or GIGA's and VGN's")
@@ -63,14 +65,6 @@ def _add_clutter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--workers", type=_count, metavar="N", help="processes (default: all cores)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result; FILE's .rounds.jsonl resumes")
     parser.set_defaults(run=clutter)
-
-
-def _views() -> tuple[str, ...]:
-    return ("side", "random", "random-orbitgrasp", "random-igd")
-
-
-def _models() -> str:
-    return "equiigd, equigiga, giga, vgn, antipodal or random (default: equiigd)"
 
 
 def clutter(args: argparse.Namespace) -> int:
@@ -106,12 +100,16 @@ def clutter(args: argparse.Namespace) -> int:
             f"{last.objects} objects, {last.end}   so far GSR {k}/{n}, DR {k}/{objects}"
         )
 
-    workers = args.workers or len(os.sched_getaffinity(0))
-    facts = benchmark(config, args.seeds, args.rounds, workers, args.json, progress)
+    facts = benchmark(config, args.seeds, args.rounds, args.workers or _cores(), args.json, progress)
     if args.json is not None:
         write_json_file(args.json, facts)
     _report(facts)
     return 0
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _report(facts: dict[str, Any]) -> None:

@@ -8,17 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evg_app.cli import benchmark as command
 from evg_app.cli.main import main
 from evg_app.errors import BadInput, UnknownName
 from evg_app.geometry import WORKSPACE_SIZE, invert
+from evg_app.grasping.load import MODELS
 from evg_app.learning.benchmark import run as running
 from evg_app.learning.benchmark.clutter import ClutteredTable
 from evg_app.learning.benchmark.compare import compare
-from evg_app.learning.benchmark.config import BenchmarkConfig
+from evg_app.learning.benchmark.config import VIEWS, BenchmarkConfig
 from evg_app.learning.benchmark.rounds import RoundResult, run_round
 from evg_app.learning.benchmark.run import benchmark, journal_path
 from evg_app.learning.benchmark.view import observe
 from evg_app.perception.tsdf import fuse_depth
+from evg_app.simulation.noise import NOISE_MODELS
+from evg_app.simulation.recipes import KINDS
 from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.state import SceneState
 
@@ -166,3 +170,10 @@ def test_bad_names_are_told(capsys: pytest.CaptureFixture[str]) -> None:
         BenchmarkConfig(view="top")
     assert main(["benchmark", "clutter", "--model", "nothing"]) == 2
     assert "available" in capsys.readouterr().err
+
+
+def test_command_offers_exactly_what_the_benchmark_knows() -> None:
+    assert set(command.SCENES) == set(KINDS)
+    assert set(command.NOISES) == set(NOISE_MODELS)
+    assert set(command.VIEWS) == set(VIEWS)
+    assert all(name in command.MODELS for name in MODELS)

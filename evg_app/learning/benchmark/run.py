@@ -1,6 +1,7 @@
 """Run a benchmark: independent rounds on several processes, each written down as it ends."""
 
 import multiprocessing
+import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
@@ -73,7 +74,8 @@ def journal_path(json_path: Path) -> Path:
 def _played(
     config: BenchmarkConfig, planner: Planner, commit: str, jobs: list[Job], workers: int
 ) -> Iterator[RoundResult]:
-    """Rounds as they end."""
+    """Rounds as they end; torch has one thread everywhere, so that answers and times do not depend on `workers`."""
+    torch.set_num_threads(1)
     if workers <= 1 or len(jobs) <= 1:
         for seed, number in jobs:
             yield run_round(config, planner, seed, number, commit)
@@ -84,7 +86,8 @@ def _played(
 
 
 def _start(config: BenchmarkConfig, commit: str) -> None:
-    """Prepare a worker process."""
+    """Prepare a worker process; an interruption is the parent's to handle."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
     _at_work[:] = [(config, config.planner(), commit)]
 
