@@ -15,8 +15,8 @@ if [ ! -f .venv-escnn/evg-setup ] || ! cmp -s pyproject.toml .venv-escnn/evg-set
     .venv-escnn/bin/pip install -q uv
     .venv-escnn/bin/uv pip install -q --python .venv-escnn/bin/python --torch-backend cpu "torch==2.13.0" "numpy==1.26.4"
   }
-  .venv-escnn/bin/pip install -q --no-deps --group escnn
-  .venv-escnn/bin/pip install -q iniconfig pluggy packaging pygments
+  .venv-escnn/bin/pip install -q --group escnn
+  .venv-escnn/bin/pip install -q --no-deps escnn==1.0.11
   cp pyproject.toml .venv-escnn/evg-setup
 fi
-.venv-escnn/bin/python -m pytest -c tests/oracle/pytest.ini tests/oracle "$@"
+.venv-escnn/bin/python -m pytest -m oracle tests/oracle "$@"

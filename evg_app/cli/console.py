@@ -15,14 +15,17 @@ def say(text: str) -> None:
 
 @contextmanager
 def hushed() -> Iterator[None]:
-    """Nothing reaches standard output meanwhile: libraries that greet on import write past `sys.stdout`."""
+    """Nothing reaches the terminal meanwhile: libraries that greet on import write past `sys.stderr`."""
     sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    sys.stderr.flush()
+    kept, nowhere = (os.dup(1), os.dup(2)), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
         yield
     finally:
         ctypes.CDLL(None).fflush(None)  # what C code has buffered must not surface later
-        os.dup2(kept, 1)
-        os.close(kept)
+        for stream, copy in enumerate(kept, 1):
+            os.dup2(copy, stream)
+            os.close(copy)
         os.close(nowhere)
