@@ -12,9 +12,10 @@ from evg_app.picking.context import Context, Devices
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
 from evg_app.simulation.arm import SimulatedArm
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.camera import SimulatedCamera, spectate
 from evg_app.simulation.gripper import SimulatedGripper
-from evg_app.simulation.objects import builtin_objects, objects_from_folder
+from evg_app.simulation.objects import objects_from_folder
 from evg_app.simulation.world import SimClock, SimReferee, SimRounds, SimWorld
 from evg_app.trials.film import Film
 

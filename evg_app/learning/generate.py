@@ -19,8 +19,9 @@ from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_sh
 from evg_app.learning.solids import SceneSolids, Solid
 from evg_app.learning.surface import half_spaces, sample_occupancy, sample_surface
 from evg_app.learning.views import draw_views, scene_grids
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.meshes import hull
-from evg_app.simulation.objects import ObjectModel, builtin_objects, objects_from_folder
+from evg_app.simulation.objects import ObjectModel, objects_from_folder
 from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.scenes import Poisson, SceneError, SceneRecipe, generate_scene_state
 from evg_app.simulation.state import SceneObject, SceneState

@@ -165,8 +165,8 @@ def _load(folder: Path) -> tuple[ObjectModel, ...]:
     return tuple(sorted((_model(folder, e) for e in entries), key=lambda m: m.name))
 
 
-def load_or_make(split: Split) -> tuple[ObjectModel, ...]:
-    """Built-in objects of one half from the cache folder, made there if they are missing (atomically).
+def builtin_objects(split: Split) -> tuple[ObjectModel, ...]:
+    """Built-in objects of one half, sorted by name; written to the cache folder on first use (a few seconds).
 
     Raises:
         BadInput: the cache folder cannot be written.

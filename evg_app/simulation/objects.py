@@ -53,17 +53,6 @@ def split_of(name: str) -> Split:
     return "train" if hashlib.sha256(name.encode()).digest()[0] % 2 == 0 else "test"
 
 
-def builtin_objects(split: Split) -> tuple[ObjectModel, ...]:
-    """Built-in objects of one half, sorted by name; written to the cache folder on first use (a few seconds).
-
-    Raises:
-        BadInput: the cache folder cannot be written.
-    """
-    from evg_app.simulation.builtin import load_or_make
-
-    return load_or_make(split)
-
-
 def of_kind(objects: tuple[ObjectModel, ...], kind: str) -> tuple[ObjectModel, ...]:
     """Those objects that fit scenes of `kind`.
 

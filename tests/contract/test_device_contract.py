@@ -13,9 +13,9 @@ from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.errors import DeviceTimeout, HardwareError, Refused
 from evg_app.robots.protocol import Arm, Gripper, MotionHandle
 from evg_app.simulation.arm import SimulatedArm
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.camera import SimulatedCamera
 from evg_app.simulation.gripper import SimulatedGripper
-from evg_app.simulation.objects import builtin_objects
 from evg_app.simulation.world import SimClock, SimWorld
 from evg_app.types import ArmMode, MotionResult, Trajectory
 

@@ -17,7 +17,7 @@ from evg_app.learning.solids import SceneSolids
 from evg_app.learning.surface import half_spaces, sample_surface
 from evg_app.learning.views import noisy_grid
 from evg_app.perception.tsdf import fuse_depth
-from evg_app.simulation.objects import builtin_objects
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.scenes import SceneRecipe, generate_scene_state
 from evg_app.simulation.views import D435I, side_view

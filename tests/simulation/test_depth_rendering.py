@@ -5,9 +5,9 @@ import pytest
 
 from evg_app.errors import UnknownName
 from evg_app.geometry import TABLE_HEIGHT, from_quaternion, invert, look_at, transform_points
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.bullet import connect, load_object, static_box
 from evg_app.simulation.camera import render
-from evg_app.simulation.objects import builtin_objects
 from evg_app.simulation.rendering import SceneCaster, camera_rays, project
 from evg_app.simulation.scenes import PlacedObject, SceneRecipe, add_table, build_scene, generate_scene_state, snapshot
 from evg_app.simulation.state import SceneState

@@ -9,10 +9,11 @@ from evg_app.config.models import RobotConfig
 from evg_app.errors import BadInput, HardwareError
 from evg_app.geometry import T_HAND_GRASP, Array, invert, rotation_about, to_quaternion, translation
 from evg_app.simulation.arm import GOAL_TOLERANCE, SimulatedArm
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.bullet import TIME_STEP, Client, connect, load_object
 from evg_app.simulation.camera import SimulatedCamera, spectate
 from evg_app.simulation.gripper import SimulatedGripper
-from evg_app.simulation.objects import ObjectModel, builtin_objects
+from evg_app.simulation.objects import ObjectModel
 from evg_app.simulation.panda import load_robot as load_body
 from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.scenes import PlacedObject

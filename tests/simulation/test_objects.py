@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from evg_app.errors import BadInput
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.bullet import connect, load_object
 from evg_app.simulation.meshes import half_spaces, load_parts, merged, volume_and_center
-from evg_app.simulation.objects import ANY_SCENE, builtin_objects, objects_from_folder, of_kind, split_of
+from evg_app.simulation.objects import ANY_SCENE, objects_from_folder, of_kind, split_of
 from evg_app.simulation.shapes import FAMILIES
 
 SIZE_LIMITS_M = (0.005, 0.20)

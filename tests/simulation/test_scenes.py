@@ -5,8 +5,8 @@ import pytest
 
 from evg_app.errors import BadInput
 from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, invert, transform_points, translation
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.bullet import connect
-from evg_app.simulation.objects import builtin_objects
 from evg_app.simulation.scenes import (
     KINDS,
     REST_STEPS,

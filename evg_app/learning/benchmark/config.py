@@ -11,8 +11,9 @@ from evg_app.errors import BadInput, UnknownName
 from evg_app.grasping.load import load_planner
 from evg_app.grasping.protocol import Planner
 from evg_app.learning.generate import is_validation
+from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.noise import NOISE_MODELS
-from evg_app.simulation.objects import ObjectModel, builtin_objects, objects_from_folder, of_kind
+from evg_app.simulation.objects import ObjectModel, objects_from_folder, of_kind
 from evg_app.simulation.recipes import KINDS
 from evg_app.simulation.views import D435I, GIGA_CAMERA
 from evg_app.types import Intrinsics
