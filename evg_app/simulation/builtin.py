@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 from functools import lru_cache
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 import pybullet_data
 
+from evg_app.config.files import cache_folder
 from evg_app.errors import BadInput
 from evg_app.simulation import convex, meshes, shapes, shapes_awkward
 from evg_app.simulation.meshes import Mesh, hull, load_parts, merged, obj_text, volume_and_center
@@ -51,13 +51,6 @@ _URDF = """<robot name="{name}">
 """
 
 
-def cache_folder() -> Path:
-    """The user's cache folder of evg-app: `$XDG_CACHE_HOME/evg-app`, else `~/.cache/evg-app`."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "evg-app"
-
-
-@lru_cache(maxsize=1)
 def generator_hash() -> str:
     """Hash of the code that makes the objects: a change makes a new cache folder."""
     digest = hashlib.sha256()

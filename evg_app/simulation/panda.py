@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
+from evg_app.config.files import cache_folder
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import package_folder, resolve
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
-from evg_app.simulation.builtin import cache_folder
 from evg_app.simulation.bullet import Client
 
 FINGER_FRICTION, FINGER_SPINNING = 1.0, 0.1
