@@ -1,6 +1,6 @@
 """`evg-app benchmark`: clear simulated tables by the published protocol, and compare two results.
 
-Example: `evg-app benchmark clutter --scene pile --objects DIR --rounds 100 --seeds 0 1 --json pile.json`
+Example: `evg-app benchmark clutter --scene pile --objects DIR --rounds 100 --seeds 0,1 --json pile.json`
 """
 
 import argparse
@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from evg_app.cli.arguments import count, seeds
 from evg_app.cli.console import hushed, say
 from evg_app.cli.trials import write_json_file
 from evg_app.trials.statistics import rate
@@ -16,20 +17,6 @@ SCENES = ("packed", "pile", "adversarial")
 NOISES = ("gamma", "gaussian", "none")
 VIEWS = ("side", "random", "random-orbitgrasp", "random-igd")
 MODELS = "equiigd, equigiga, giga, vgn, antipodal or random (default: equiigd)"
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
-
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError("must be 0 or more")
-    return value
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -52,9 +39,9 @@ def _add_clutter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--split", choices=("all", "train", "validation"), default="all", help="of the objects, by name (default: all)"
     )
-    parser.add_argument("--count", type=_count, default=5, metavar="N", help="objects asked for (default: 5)")
-    parser.add_argument("--rounds", type=_count, default=100, metavar="N", help="of each seed (default: 100)")
-    parser.add_argument("--seeds", type=_seed, nargs="+", default=[0], metavar="S", help="(default: 0)")
+    parser.add_argument("--count", type=count, default=5, metavar="N", help="objects asked for (default: 5)")
+    parser.add_argument("--rounds", type=count, default=100, metavar="N", help="of each seed (default: 100)")
+    parser.add_argument("--seeds", type=seeds, default=(0,), metavar="S,S,...", help="(default: 0)")
     parser.add_argument("--model", default="equiigd", metavar="NAME", help=MODELS)
     parser.add_argument("--weights", metavar="FILE", help="weights file or shipped name (default: the model's)")
     parser.add_argument("--device", default="cpu", help="where the network runs (default: cpu)")
@@ -62,7 +49,7 @@ def _add_clutter(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--table-ruler", action="store_true", help="scale depth by the known table first (not official)"
     )
-    parser.add_argument("--workers", type=_count, metavar="N", help="processes (default: all cores)")
+    parser.add_argument("--workers", type=count, metavar="N", help="processes (default: all cores)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result; FILE's .rounds.jsonl resumes")
     parser.set_defaults(run=clutter)
 

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from evg_app.cli.arguments import count, seeds
 from evg_app.cli.console import hushed, say
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
@@ -18,20 +19,6 @@ from evg_app.errors import BadInput, HardwareError
 DEFAULT_SCENE = "packed"
 PLANNER_THREADS = 1
 """Threads of the network: more gain little and stall for seconds when another process holds a core."""
-
-
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError("must be at least 1")
-    return value
-
-
-def _seeds(text: str) -> tuple[int, ...]:
-    seeds = tuple(int(word) for word in text.split(","))
-    if min(seeds) < 0 or len(set(seeds)) < len(seeds):
-        raise argparse.ArgumentTypeError("must be different whole numbers from 0 up")
-    return seeds
 
 
 def _speed(text: str) -> float:
@@ -52,10 +39,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "--weights", metavar="FILE", help="a .safetensors file or a shipped name (default: the model's)"
     )
     parser.add_argument("--device", default="cpu", help="where the network runs: cpu or cuda")
-    parser.add_argument("--rounds", type=_count, default=1, metavar="N", help="rounds (default: 1)")
-    seeds = parser.add_mutually_exclusive_group()
-    seeds.add_argument("--seed", type=_seeds, dest="seeds", default=(0,), metavar="S", help="of scenes, noise, policy")
-    seeds.add_argument("--seeds", type=_seeds, metavar="S,S,...", help="several seeds; --rounds counts for each")
+    parser.add_argument("--rounds", type=count, default=1, metavar="N", help="rounds (default: 1)")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--seed", type=seeds, dest="seeds", default=(0,), metavar="S", help="of scenes, noise, policy")
+    which.add_argument("--seeds", type=seeds, metavar="S,S,...", help="several seeds; --rounds counts for each")
     parser.add_argument("--run-dir", type=Path, metavar="DIR", help="run folder (default: runs/<date>-<id>)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the summary here")
     parser.add_argument(

@@ -1,0 +1,19 @@
+"""Values that several verbs take on the command line."""
+
+import argparse
+
+
+def count(text: str) -> int:
+    """A whole number from 1 up."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return value
+
+
+def seeds(text: str) -> tuple[int, ...]:
+    """One seed, or several with commas between."""
+    found = tuple(int(word) for word in text.split(","))
+    if min(found) < 0 or len(set(found)) < len(found):
+        raise argparse.ArgumentTypeError("must be different whole numbers from 0 up")
+    return found
