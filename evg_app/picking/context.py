@@ -10,6 +10,7 @@ from evg_app.clock import Clock
 from evg_app.config.models import CameraConfig, RobotConfig
 from evg_app.events import Sink
 from evg_app.geometry import Array
+from evg_app.grasping.protocol import Planner
 from evg_app.picking.stop import StopToken
 from evg_app.robots.protocol import Arm, Gripper
 from evg_app.types import CollisionVolume, Frame, Grasps, Trajectory, TsdfGrid, Verdict
@@ -60,21 +61,6 @@ class Perception(Protocol):
 
     def view(self, frame: Frame, q: Array) -> View:
         """Fuse a clean frame."""
-
-
-class Planner(Protocol):
-    """A grasp planner (`evg_app.grasping`)."""
-
-    @property
-    def name(self) -> str:
-        """Name of the model."""
-
-    @property
-    def weights_sha256(self) -> str:
-        """Hash of its weights, empty for a planner without."""
-
-    def plan(self, grid: TsdfGrid, seed: int = 0) -> Grasps:
-        """Grasps in the task frame, best first; the same for the same seed."""
 
 
 @dataclass(frozen=True)
