@@ -34,7 +34,12 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--sim", action="store_true", help="PyBullet stands in for arm, gripper and camera")
     parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
     parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
-    parser.add_argument("--model", default="equiigd", metavar="NAME", help="equiigd, equigiga, antipodal or random")
+    parser.add_argument(
+        "--model",
+        default="equiigd",
+        metavar="NAME",
+        help="equiigd, equigiga, giga, vgn, antipodal or random (default: equiigd)",
+    )
     parser.add_argument(
         "--weights", metavar="FILE", help="a .safetensors file or a shipped name (default: the model's)"
     )
