@@ -118,8 +118,8 @@ class SimulatedCamera:
 
 def spectate(world: SimWorld, width: int = 320, height: int = 240) -> NDArray[np.uint8]:
     """A picture of the whole scene for the run's film. RGB, shape (height, width, 3)."""
-    middle = world.T_base_task[:3, 3] + np.array([0.02, 0.2, 0.12])
+    middle = world.T_base_task[:3, 3] + np.array([0.0, 0.2, 0.30])
     T_world_cam = look_at(middle + np.array([0.80, -0.60, 0.55]), middle)
-    f = 1.05 * height
+    f = 1.12 * height
     color, _ = render(world.client, Intrinsics(width, height, f, f, width / 2, height / 2), T_world_cam, 0.05, 5.0)
     return color
