@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from evg_app.errors import UnknownName
+from evg_app.grasping.weights import load_weights, shipped_weights
 from evg_app.nets.config import EquiGIGAConfig, EquiIGDConfig
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
@@ -57,6 +58,16 @@ def test_every_output_turns_exactly_with_the_scene(name, turns, scene, turn, ran
         spread = {k: v.std().item() for k, v in outputs(net, scene).items()}
         errors = turned_errors(net, scene, turns, turn)
     assert min(spread.values()) > NOT_EXACT, spread
+    assert max(errors.values()) < EXACT, errors
+
+
+@pytest.mark.parametrize("turns", TURNS)
+@pytest.mark.parametrize("name", shipped_weights())
+def test_every_output_of_the_shipped_weights_turns_exactly_with_the_scene(name, turns, scene, turn):
+    net, card = load_weights(name)
+    assert card.config["side"] == "exact"
+    with torch.no_grad():
+        errors = turned_errors(net.eval(), scene, turns, turn)
     assert max(errors.values()) < EXACT, errors
 
 
