@@ -61,9 +61,9 @@ def clutter(args: argparse.Namespace) -> int:
         EvgError: a bad name, folder, file or value.
     """
     with hushed():
-        from evg_app.learning.benchmark.config import BenchmarkConfig
-        from evg_app.learning.benchmark.rounds import RoundResult
-        from evg_app.learning.benchmark.run import benchmark
+        from evg_app.benchmark.clutter.config import BenchmarkConfig
+        from evg_app.benchmark.clutter.rounds import RoundResult
+        from evg_app.benchmark.clutter.run import benchmark
 
     config = BenchmarkConfig(
         scene=args.scene,
@@ -118,7 +118,7 @@ def compare(args: argparse.Namespace) -> int:
         BadInput: a file is not a result, or the two cannot be paired.
     """
     with hushed():
-        from evg_app.learning.benchmark.compare import compare as paired_by_round
+        from evg_app.benchmark.clutter.compare import compare as paired_by_round
 
     facts = paired_by_round(args.first, args.second)
     say(f"{facts['rounds']} common rounds; A {facts['model_a']} ({args.first}), B {facts['model_b']} ({args.second})")

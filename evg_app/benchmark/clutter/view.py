@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from evg_app.benchmark.clutter.config import VIEWS, BenchmarkConfig
 from evg_app.geometry import Array, invert
-from evg_app.learning.benchmark.config import VIEWS, BenchmarkConfig
 from evg_app.perception.projection import voxel_pixels
 from evg_app.perception.table import fit_table
 from evg_app.perception.tsdf import fuse_depth

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from evg_app.benchmark.clutter.rounds import End, RoundResult, Tally, play
+from evg_app.benchmark.clutter.summary import by_seed, paired, rates
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
-from evg_app.learning.benchmark.rounds import End, RoundResult, Tally, play
-from evg_app.learning.benchmark.summary import by_seed, paired, rates
 from evg_app.simulation.free_gripper import GraspOutcome
 from evg_app.types import Grasps
 

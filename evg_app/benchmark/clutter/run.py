@@ -10,12 +10,12 @@ from typing import Any
 
 import torch
 
+from evg_app.benchmark.clutter.config import PROTOCOL, BenchmarkConfig
+from evg_app.benchmark.clutter.journal import Journal
+from evg_app.benchmark.clutter.rounds import RoundResult, run_round
+from evg_app.benchmark.clutter.summary import by_seed, rates
 from evg_app.errors import BadInput
 from evg_app.grasping.protocol import Planner
-from evg_app.learning.benchmark.config import PROTOCOL, BenchmarkConfig
-from evg_app.learning.benchmark.journal import Journal
-from evg_app.learning.benchmark.rounds import RoundResult, run_round
-from evg_app.learning.benchmark.summary import by_seed, rates
 from evg_app.trials.provenance import git_commit
 
 Job = tuple[int, int]

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from evg_app.benchmark.clutter import run as running
+from evg_app.benchmark.clutter.compare import compare
+from evg_app.benchmark.clutter.config import VIEWS, BenchmarkConfig
+from evg_app.benchmark.clutter.rounds import RoundResult, run_round
+from evg_app.benchmark.clutter.run import benchmark, journal_path
+from evg_app.benchmark.clutter.table import ClutteredTable
+from evg_app.benchmark.clutter.view import observe
 from evg_app.cli import benchmark as command
 from evg_app.cli.main import main
 from evg_app.errors import BadInput, UnknownName
 from evg_app.geometry import WORKSPACE_SIZE, invert
 from evg_app.grasping.load import MODELS
-from evg_app.learning.benchmark import run as running
-from evg_app.learning.benchmark.clutter import ClutteredTable
-from evg_app.learning.benchmark.compare import compare
-from evg_app.learning.benchmark.config import VIEWS, BenchmarkConfig
-from evg_app.learning.benchmark.rounds import RoundResult, run_round
-from evg_app.learning.benchmark.run import benchmark, journal_path
-from evg_app.learning.benchmark.view import observe
 from evg_app.perception.tsdf import fuse_depth
 from evg_app.simulation.noise import NOISE_MODELS
 from evg_app.simulation.recipes import KINDS

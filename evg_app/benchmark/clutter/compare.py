@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from evg_app.benchmark.clutter.rounds import RoundResult
+from evg_app.benchmark.clutter.summary import paired
 from evg_app.errors import BadInput
-from evg_app.learning.benchmark.rounds import RoundResult
-from evg_app.learning.benchmark.summary import paired
 
 
 def compare(path_a: Path, path_b: Path) -> dict[str, Any]:

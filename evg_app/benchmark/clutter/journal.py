@@ -5,8 +5,8 @@ import logging
 from pathlib import Path
 from typing import Any
 
+from evg_app.benchmark.clutter.rounds import RoundResult
 from evg_app.errors import BadInput
-from evg_app.learning.benchmark.rounds import RoundResult
 
 log = logging.getLogger(__name__)
 

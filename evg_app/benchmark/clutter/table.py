@@ -11,8 +11,8 @@ from typing import Self
 import numpy as np
 import pybullet
 
+from evg_app.benchmark.clutter.config import BenchmarkConfig
 from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, rotation_about, to_quaternion
-from evg_app.learning.benchmark.config import BenchmarkConfig
 from evg_app.simulation.bullet import TIME_STEP, body_pose, connect, pose, random_rotation, static_box
 from evg_app.simulation.free_gripper import GraspOutcome, try_grasp
 from evg_app.simulation.objects import ObjectModel

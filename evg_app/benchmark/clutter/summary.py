@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from evg_app.benchmark.clutter.rounds import RoundResult
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
-from evg_app.learning.benchmark.rounds import RoundResult
 from evg_app.trials.statistics import fraction, tally, wilson
 
 RESAMPLES = 10_000

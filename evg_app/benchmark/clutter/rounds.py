@@ -7,13 +7,13 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
+from evg_app.benchmark.clutter.config import BenchmarkConfig
+from evg_app.benchmark.clutter.table import ClutteredTable
+from evg_app.benchmark.clutter.view import Observation, observe
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
 from evg_app.grasping.protocol import Planner
 from evg_app.grasping.turned import plan_turned
-from evg_app.learning.benchmark.clutter import ClutteredTable
-from evg_app.learning.benchmark.config import BenchmarkConfig
-from evg_app.learning.benchmark.view import Observation, observe
 from evg_app.simulation.free_gripper import GraspOutcome
 from evg_app.types import Grasps
 
