@@ -3,19 +3,13 @@
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
+from evg_app.config.base import Model as Model
+from evg_app.config.base import Positive, Vector3
+from evg_app.config.camera import CameraConfig as CameraConfig
 from evg_app.geometry import Array, from_quaternion
-from evg_app.types import Box, Intrinsics
-
-Positive = Annotated[float, Field(gt=0)]
-Vector3 = tuple[float, float, float]
-
-
-class Model(BaseModel):
-    """Frozen; a key that is not declared is an error."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+from evg_app.types import Box
 
 
 class Pose(Model):
@@ -131,40 +125,6 @@ class RobotConfig(Model):
             if len(vector) != n:
                 raise ValueError(f"{key} has {len(vector)} entries for {n} joints")
         return self
-
-
-class CameraConfig(Model):
-    """One depth camera (`robot_configs/<name>.yaml`). Intrinsics come from the stream; these are the simulated ones."""
-
-    device: Literal["camera"]
-    name: str
-    driver: Literal["realsense"]
-    description: str
-    width_px: int = Field(gt=0)
-    height_px: int = Field(gt=0)
-    simulated_fx_px: Positive
-    simulated_fy_px: Positive
-    simulated_cx_px: Positive
-    simulated_cy_px: Positive
-    depth_scale_m: Positive = 0.001
-    near_m: Positive = 0.1
-    far_m: Positive = 2.0
-    frame_id: str
-    frame_timeout_s: Positive = 5.0
-    calibration_max_age_days: Positive = 30.0
-    min_valid_ratio: Annotated[float, Field(ge=0, le=1)] = 0.3
-    table_is_ruler: bool = True
-
-    def simulated_intrinsics(self) -> Intrinsics:
-        """Pinhole model of the simulated depth stream."""
-        return Intrinsics(
-            self.width_px,
-            self.height_px,
-            self.simulated_fx_px,
-            self.simulated_fy_px,
-            self.simulated_cx_px,
-            self.simulated_cy_px,
-        )
 
 
 class WorldConfig(Model):
