@@ -5,7 +5,17 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from evg_app.geometry import Array
-from evg_app.types import Frame, Grasps, GripperResult, GripperState, MotionResult, Trajectory, TsdfGrid, Verdict
+from evg_app.types import (
+    CollisionVolume,
+    Frame,
+    Grasps,
+    GripperResult,
+    GripperState,
+    MotionResult,
+    Trajectory,
+    TsdfGrid,
+    Verdict,
+)
 
 
 class StopReason(StrEnum):
@@ -113,11 +123,15 @@ class FrameTaken:
 
 @dataclass(frozen=True, eq=False)
 class Fused:
-    """The frame, its depth times `depth_factor`, became the planner's grid; `points` lie above the table."""
+    """The frame, its depth times `depth_factor`, became the planner's grid; `points` lie above the table.
+
+    `volume` is what motion is judged against.
+    """
 
     grid: TsdfGrid
     points: int
     depth_factor: float = 1.0
+    volume: CollisionVolume | None = None
 
 
 @dataclass(frozen=True, eq=False)

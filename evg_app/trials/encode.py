@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evg_app.events import Event
-from evg_app.types import Frame, Grasps, Trajectory, TsdfGrid, Verdict
+from evg_app.types import CollisionVolume, Frame, Grasps, Trajectory, TsdfGrid, Verdict
 
 SMALL = 64
 """Arrays up to this many numbers are written out."""
@@ -21,7 +21,7 @@ def encode(event: Event) -> str:
 
 def _plain(value: Any) -> Any:
     """Something JSON can hold."""
-    if isinstance(value, (Frame, Grasps, Trajectory, TsdfGrid)):
+    if isinstance(value, (CollisionVolume, Frame, Grasps, Trajectory, TsdfGrid)):
         return _headline(value)
     if isinstance(value, tuple) and value and isinstance(value[0], Verdict):
         return {"candidates": len(value)}
@@ -46,7 +46,7 @@ def _scalar(value: Any) -> Any:
     return value
 
 
-def _headline(value: Frame | Grasps | Trajectory | TsdfGrid) -> dict[str, Any]:
+def _headline(value: CollisionVolume | Frame | Grasps | Trajectory | TsdfGrid) -> dict[str, Any]:
     """What a reader of the event wants to know about a large value."""
     if isinstance(value, Frame):
         return {"stamp": value.stamp, "number": value.number, "frame_id": value.frame_id}
