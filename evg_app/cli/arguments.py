@@ -1,6 +1,7 @@
 """Values that several verbs take on the command line."""
 
 import argparse
+import os
 
 
 def count(text: str) -> int:
@@ -17,3 +18,8 @@ def seeds(text: str) -> tuple[int, ...]:
     if min(found) < 0 or len(set(found)) < len(found):
         raise argparse.ArgumentTypeError("must be different whole numbers from 0 up")
     return found
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

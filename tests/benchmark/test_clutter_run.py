@@ -15,7 +15,7 @@ from evg_app.benchmark.clutter.rounds import RoundResult, run_round
 from evg_app.benchmark.clutter.run import benchmark, journal_path
 from evg_app.benchmark.clutter.table import ClutteredTable
 from evg_app.benchmark.clutter.view import observe
-from evg_app.cli import benchmark as command
+from evg_app.cli import benchmark_clutter as command
 from evg_app.cli.main import main
 from evg_app.errors import BadInput, UnknownName
 from evg_app.geometry import WORKSPACE_SIZE, invert

@@ -11,9 +11,9 @@ from typing import Any
 import torch
 
 from evg_app.benchmark.clutter.config import PROTOCOL, BenchmarkConfig
-from evg_app.benchmark.clutter.journal import Journal
 from evg_app.benchmark.clutter.rounds import RoundResult, run_round
 from evg_app.benchmark.clutter.summary import by_seed, rates
+from evg_app.benchmark.journal import Journal
 from evg_app.errors import BadInput
 from evg_app.grasping.protocol import Planner
 from evg_app.trials.provenance import git_commit
@@ -55,7 +55,7 @@ def benchmark(
     with ExitStack() as stack:
         if json_path is None:
             json_path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "result.json"
-        journal = Journal(journal_path(json_path), header)
+        journal = Journal(journal_path(json_path), header, RoundResult)
         done, wanted = {(row.seed, row.round) for row in journal.rows}, set(jobs)
         missing = [job for job in jobs if job not in done]
         for row in _played(config, planner, commit, missing, workers):

@@ -1,39 +1,52 @@
-"""Finished rounds on disk: one JSON line each beside the result, so that an interrupted benchmark goes on."""
+"""Finished units on disk: one JSON line each beside the result, so that an interrupted benchmark goes on."""
 
 import json
 import logging
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, Protocol, Self, TypeVar
 
-from evg_app.benchmark.clutter.rounds import RoundResult
 from evg_app.errors import BadInput
 
 log = logging.getLogger(__name__)
 
 
-class Journal:
+class Row(Protocol):
+    """The result of one unit of work."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Self:
+        """The opposite of `to_dict`."""
+
+
+R = TypeVar("R", bound=Row)
+
+
+class Journal(Generic[R]):
     """The lines of one benchmark. The first line says what was measured; a broken last line is left out."""
 
-    def __init__(self, path: Path, header: dict[str, Any]) -> None:
+    def __init__(self, path: Path, header: dict[str, Any], row: type[R]) -> None:
         """Open the file, or begin it with `header` (its "digest" tells benchmarks apart).
 
         Raises:
-            BadInput: the file holds rounds of another benchmark, or cannot be read or written.
+            BadInput: the file holds units of another benchmark, or cannot be read or written.
         """
         self.path = path
-        self.rows: list[RoundResult] = []
+        self.rows: list[R] = []
         lines = self._lines()
         if not lines:
             self._write(json.dumps(header) + "\n", "w")
             return
         if lines[0].get("digest") != header["digest"]:
             raise BadInput(
-                f"{path} holds rounds of other settings, weights or objects; name another --json, or delete that file"
+                f"{path} holds results of other settings, weights or objects; name another --json, or delete that file"
             )
-        self.rows = [RoundResult.from_dict(line) for line in lines[1:]]
+        self.rows = [row.from_dict(line) for line in lines[1:]]
 
-    def append(self, row: RoundResult) -> None:
-        """Add one finished round.
+    def append(self, row: R) -> None:
+        """Add one finished unit.
 
         Raises:
             BadInput: the file cannot be written.
