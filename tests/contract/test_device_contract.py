@@ -1,4 +1,7 @@
-"""ONE suite that every camera, arm and gripper must pass. A new driver adds its bench to `BENCHES`, nothing else."""
+"""ONE suite that every camera, arm and gripper must pass.
+
+A new robot driver adds its bench to `BENCHES`, a new camera driver to `CAMERA_BENCHES`, nothing else.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -27,22 +30,35 @@ TURN = np.array([0.15, -0.1, 0.1, 0.1, 0.1, -0.1, 0.2])
 
 @dataclass(frozen=True)
 class Bench:
-    """Devices of one driver family that share a clock, not yet entered."""
+    """Arm and gripper of one driver family, not yet entered."""
 
-    camera: Camera
     arm: Arm
     gripper: Gripper
     clock: Clock
     close: Callable[[], None]
 
 
+@dataclass(frozen=True)
+class CameraBench:
+    """A camera and its clock, not yet entered."""
+
+    camera: Camera
+    clock: Clock
+    close: Callable[[], None]
+
+
 def simulated() -> Bench:
     world = SimWorld(load_robot("panda"), load_world("packed"), builtin_objects("test"))
-    camera = SimulatedCamera(world, load_camera("d435i"))
-    return Bench(camera, SimulatedArm(world), SimulatedGripper(world), SimClock(world), world.close)
+    return Bench(SimulatedArm(world), SimulatedGripper(world), SimClock(world), world.close)
+
+
+def simulated_camera() -> CameraBench:
+    world = SimWorld(load_robot("panda"), load_world("packed"), builtin_objects("test"))
+    return CameraBench(SimulatedCamera(world, load_camera("d435i")), SimClock(world), world.close)
 
 
 BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated}
+CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {"simulated": simulated_camera}
 
 
 @pytest.fixture(params=sorted(BENCHES))
@@ -50,8 +66,17 @@ def bench(request) -> Iterator[Bench]:
     made = BENCHES[request.param]()
     with ExitStack() as stack:
         stack.callback(made.close)
-        for device in (made.camera, made.arm, made.gripper):
+        for device in (made.arm, made.gripper):
             stack.enter_context(device)
+        yield made
+
+
+@pytest.fixture(params=sorted(CAMERA_BENCHES))
+def view(request) -> Iterator[CameraBench]:
+    made = CAMERA_BENCHES[request.param]()
+    with ExitStack() as stack:
+        stack.callback(made.close)
+        stack.enter_context(made.camera)
         yield made
 
 
@@ -172,12 +197,12 @@ def test_gripper_stop_keeps_the_fingers_where_they_are(bench: Bench):
     assert bench.gripper.state().width == pytest.approx(width, abs=WIDTH_M)
 
 
-def test_frame_is_fresh_metric_and_complete(bench: Bench):
-    after = bench.clock.now() + 0.1
-    frame = bench.camera.capture(after=after, timeout=5.0)
-    K = bench.camera.intrinsics
+def test_frame_is_fresh_metric_and_complete(view: CameraBench):
+    after = view.clock.now() + 0.1
+    frame = view.camera.capture(after=after, timeout=5.0)
+    K = view.camera.intrinsics
     assert frame.stamp >= after
-    assert frame.frame_id == bench.camera.frame_id
+    assert frame.frame_id == view.camera.frame_id
     assert frame.intrinsics == K
     assert frame.depth.dtype == np.uint16 and frame.depth.shape == (K.height, K.width)
     assert 0.0 < np.median(frame.metres()[frame.depth > 0]) < 5.0
@@ -185,20 +210,32 @@ def test_frame_is_fresh_metric_and_complete(bench: Bench):
         assert frame.color.dtype == np.uint8 and frame.color.shape == (K.height, K.width, 3)
 
 
-def test_frames_are_counted(bench: Bench):
-    first = bench.camera.capture(after=0.0, timeout=5.0)
-    second = bench.camera.capture(after=first.stamp + 0.05, timeout=5.0)
+def test_frames_are_counted(view: CameraBench):
+    first = view.camera.capture(after=0.0, timeout=5.0)
+    second = view.camera.capture(after=first.stamp + 0.05, timeout=5.0)
     assert second.number > first.number
     assert second.stamp > first.stamp
 
 
-def test_camera_does_not_wait_for_ever(bench: Bench):
+def test_camera_does_not_wait_for_ever(view: CameraBench):
     with pytest.raises(DeviceTimeout, match="frame"):
-        bench.camera.capture(after=bench.clock.now() + 60.0, timeout=0.5)
+        view.camera.capture(after=view.clock.now() + 60.0, timeout=0.5)
+
+
+def test_leaving_a_camera_twice_is_harmless(view: CameraBench):
+    view.camera.__exit__(None, None, None)
+    view.camera.__exit__(None, None, None)
+
+
+@pytest.mark.parametrize("name", sorted(CAMERA_BENCHES))
+def test_leaving_a_camera_that_was_never_entered_is_harmless(name: str):
+    made = CAMERA_BENCHES[name]()
+    made.camera.__exit__(None, None, None)
+    made.close()
 
 
 def test_leaving_twice_is_harmless(bench: Bench):
-    for device in (bench.camera, bench.arm, bench.gripper):
+    for device in (bench.arm, bench.gripper):
         device.__exit__(None, None, None)
         device.__exit__(None, None, None)
 
@@ -206,6 +243,6 @@ def test_leaving_twice_is_harmless(bench: Bench):
 def test_leaving_a_device_that_was_never_entered_is_harmless():
     for make in BENCHES.values():
         made = make()
-        for device in (made.camera, made.arm, made.gripper):
+        for device in (made.arm, made.gripper):
             device.__exit__(None, None, None)
         made.close()
