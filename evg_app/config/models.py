@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from evg_app.config.base import Model as Model
 from evg_app.config.base import Positive, Vector3
 from evg_app.config.camera import CameraConfig as CameraConfig
+from evg_app.config.franka import FciModel, ToolBox
 from evg_app.geometry import Array, from_quaternion
 from evg_app.types import Box
 
@@ -109,6 +110,8 @@ class RobotConfig(Model):
     pregrasp_m: Positive = 0.08
     lift_m: Positive = 0.15
     contact_force_n: Positive = 25.0
+    tool_box: ToolBox | None = None
+    fci: FciModel = FciModel()
 
     @model_validator(mode="after")
     def _lengths(self) -> Self:
