@@ -1,0 +1,1 @@
+"""Intel RealSense cameras through librealsense (extra `realsense`), live or from a .db3 recording."""
