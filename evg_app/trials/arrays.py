@@ -1,8 +1,10 @@
 """The arrays of one attempt: everything replay needs, in one compressed file that is there whole or not at all."""
 
+import hashlib
 import io
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged
-from evg_app.types import Grasps, Trajectory
+from evg_app.types import Frame, Grasps, Intrinsics, Trajectory
 
 
 @dataclass
@@ -21,6 +23,17 @@ class Gathered:
     fused: Fused | None = None
     grasps: Grasps = field(default_factory=Grasps.empty)
     judged: Judged | None = None
+    planned: bool = False
+
+    def reached(self) -> list[str]:
+        """How far the pass came: some of "frame", "fused", "planned", "judged"."""
+        came = {
+            "frame": self.frame is not None,
+            "fused": self.fused is not None,
+            "planned": self.planned,
+            "judged": self.judged is not None,
+        }
+        return [name for name, done in came.items() if done]
 
     def take(self, event: Event) -> None:
         """Keep what this event brings, if anything."""
@@ -29,7 +42,7 @@ class Gathered:
         elif isinstance(event, Fused):
             self.fused = event
         elif isinstance(event, GraspsPlanned):
-            self.grasps = event.grasps
+            self.grasps, self.planned = event.grasps, True
         elif isinstance(event, Judged):
             self.judged = event
 
@@ -45,6 +58,7 @@ class Gathered:
                 "depth": frame.depth,
                 "depth_scale": np.float64(frame.depth_scale) * np.ones(()),
                 "stamp": np.float64(frame.stamp) * np.ones(()),
+                "frame_number": np.array(frame.number),
                 "image_size": np.array([i.width, i.height]),
                 "focal_centre": np.array([i.fx, i.fy, i.cx, i.cy]),
                 "distortion": np.array(i.distortion, dtype=np.float64),
@@ -54,17 +68,12 @@ class Gathered:
             }
             if frame.color is not None:
                 out["color"] = frame.color
-        if self.fused is not None:
-            out |= {
-                "tsdf": self.fused.grid.values,
-                "observed": self.fused.grid.observed,
-                "depth_factor": np.array(self.fused.depth_factor),
-            }
-        return out
+        return out | ({} if self.fused is None else _fused(self.fused))
 
     def _proposed(self) -> dict[str, np.ndarray[Any, Any]]:
         verdicts = [] if self.judged is None else [str(verdict.value) for verdict in self.judged.verdicts]
         return {
+            "reached": np.array(self.reached(), dtype="U8"),
             "T_task_grasp": self.grasps.T_task_grasp,
             "width": self.grasps.width,
             "score": self.grasps.score,
@@ -84,6 +93,45 @@ class Gathered:
         return out
 
 
+def _fused(fused: Fused) -> dict[str, np.ndarray[Any, Any]]:
+    out = {
+        "tsdf": fused.grid.values,
+        "observed": fused.grid.observed,
+        "depth_factor": np.array(fused.depth_factor),
+        "points": np.array(fused.points),
+    }
+    if fused.volume is not None:
+        out |= {
+            "volume_occupied": fused.volume.occupied,
+            "volume_observed": fused.volume.observed,
+            "volume_origin": fused.volume.origin,
+            "volume_voxel_size": np.array(fused.volume.voxel_size),
+        }
+    return out
+
+
+def frame_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> FrameTaken:
+    """The frame that an attempt's arrays hold.
+
+    Raises:
+        KeyError: they hold none.
+    """
+    width, height = (int(n) for n in stored["image_size"])
+    fx, fy, cx, cy = (float(x) for x in stored["focal_centre"])
+    intrinsics = Intrinsics(width, height, fx, fy, cx, cy, tuple(float(x) for x in stored["distortion"]))
+    number = int(stored["frame_number"]) if "frame_number" in stored else 0
+    frame = Frame(
+        stored["depth"],
+        float(stored["depth_scale"]),
+        intrinsics,
+        float(stored["stamp"]),
+        "recorded",
+        stored.get("color"),
+        number,
+    )
+    return FrameTaken(frame, stored["q"], stored["T_base_cam"], stored["T_base_task"])
+
+
 def _trajectory(name: str, path: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
     return {
         f"{name}.q": path.q,
@@ -94,8 +142,8 @@ def _trajectory(name: str, path: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def write(path: Path, gathered: Gathered) -> None:
-    """Write atomically: the bytes are on the disk before the name appears.
+def write(path: Path, gathered: Gathered) -> str:
+    """Write atomically: the bytes are on the disk before the name appears. Returns their sha256.
 
     Raises:
         OSError: they cannot be written.
@@ -103,16 +151,22 @@ def write(path: Path, gathered: Gathered) -> None:
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **gathered.arrays())  # type: ignore[arg-type]
     write_atomically(path, buffer.getvalue())
+    return hashlib.sha256(buffer.getvalue()).hexdigest()
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Write `data` so that `path` is never half a file."""
+    """Write `data` so that `path` is never half a file, and is there after a power cut."""
     part = path.with_name(path.name + ".part")
     with part.open("wb") as stream:
         stream.write(data)
         stream.flush()
         os.fsync(stream.fileno())
     part.replace(path)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
 
 
 def read(path: Path) -> dict[str, np.ndarray[Any, Any]]:

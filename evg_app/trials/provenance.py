@@ -38,8 +38,28 @@ def provenance() -> dict[str, Any]:
         "platform": platform.platform(),
         "machine": platform.node(),
         "cpus": os.cpu_count(),
+        "cpu": _cpu(),
+        "threads": _threads(),
         "command": sys.argv,
         "packages": {name: found for name in PACKAGES if (found := _version(name))},
+    }
+
+
+def _cpu() -> str:
+    """Name of the processor: other vector units round differently."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")
+
+
+def _threads() -> dict[str, Any]:
+    """How many threads numpy's and torch's kernels may use: more of them sum in another order."""
+    torch = sys.modules.get("torch")
+    return {
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", ""),
+        "torch": torch.get_num_threads() if torch is not None else None,
     }
 
 

@@ -5,13 +5,10 @@ from pathlib import Path
 
 from evg_app.errors import BadInput
 
-SCHEMA_VERSION = 1
-"""Written to `PRAGMA user_version`; a reader refuses a newer one."""
-
 DATABASE = "trials.sqlite"
 """Name of the database in a run folder."""
 
-TABLES = """
+FIRST_TABLES = """
 CREATE TABLE runs (
     run_id TEXT PRIMARY KEY, started_at TEXT NOT NULL, finished_at TEXT, status TEXT, detail TEXT,
     seeds TEXT NOT NULL, rounds INTEGER NOT NULL, model TEXT NOT NULL, weights_sha256 TEXT NOT NULL,
@@ -39,7 +36,27 @@ CREATE TABLE events (
     at TEXT NOT NULL, data TEXT NOT NULL, PRIMARY KEY (run_id, number)
 );
 """
-"""Units are in the names; `counts` is 1 for passes that are attempts; JSON in the text columns named so in docs."""
+"""Version 1. Units are in the names; `counts` is 1 for passes that are attempts; docs/trials.md explains the rest."""
+
+MIGRATIONS: tuple[str, ...] = (
+    """
+ALTER TABLE runs ADD COLUMN protocol TEXT;
+ALTER TABLE rounds ADD COLUMN placement TEXT;
+ALTER TABLE rounds ADD COLUMN superseded INTEGER NOT NULL DEFAULT 0;
+ALTER TABLE attempts ADD COLUMN arrays_sha256 TEXT;
+CREATE TABLE labels (
+    attempt_id TEXT NOT NULL REFERENCES attempts, at TEXT NOT NULL, source TEXT NOT NULL,
+    success INTEGER, note TEXT NOT NULL DEFAULT ''
+);
+CREATE INDEX labels_of_attempt ON labels (attempt_id);
+CREATE INDEX stages_of_attempt ON stages (attempt_id);
+CREATE INDEX attempts_of_round ON attempts (run_id, seed, round_index);
+""",
+)
+"""What makes version n + 2 of version n + 1. Never edited once released, only appended to."""
+
+SCHEMA_VERSION = 1 + len(MIGRATIONS)
+"""Written to `PRAGMA user_version`; a reader refuses a newer one."""
 
 
 def create(folder: Path) -> sqlite3.Connection:
@@ -48,16 +65,41 @@ def create(folder: Path) -> sqlite3.Connection:
     Raises:
         sqlite3.Error: it cannot be written.
     """
-    db = sqlite3.connect(folder / DATABASE, isolation_level=None)
-    db.execute("PRAGMA journal_mode = WAL")
-    db.execute("PRAGMA synchronous = FULL")
-    db.executescript(TABLES)
-    db.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+    db = _durable(folder / DATABASE)
+    db.executescript(f"BEGIN; {FIRST_TABLES} PRAGMA user_version = 1; COMMIT;")
+    migrate(db)
+    return db
+
+
+def migrate(db: sqlite3.Connection) -> None:
+    """Bring a database to `SCHEMA_VERSION`; each step happens whole or not at all.
+
+    Raises:
+        sqlite3.Error: it cannot be written.
+    """
+    version = int(db.execute("PRAGMA user_version").fetchone()[0])
+    for number, script in enumerate(MIGRATIONS[version - 1 :], version + 1):
+        db.executescript(f"BEGIN; {script} PRAGMA user_version = {number}; COMMIT;")
+
+
+def open_to_write(folder: Path) -> sqlite3.Connection:
+    """The database of a run, for appending; an older one is migrated where it lies.
+
+    Raises:
+        BadInput: there is none, it is not ours, it is newer, or it cannot be written.
+    """
+    open_existing(folder).close()
+    try:
+        db = _durable(folder / DATABASE)
+        migrate(db)
+    except sqlite3.Error as error:
+        raise BadInput(f"{folder / DATABASE} cannot be written: {error}. Make the folder writable") from error
+    db.row_factory = sqlite3.Row
     return db
 
 
 def open_existing(folder: Path) -> sqlite3.Connection:
-    """The database of a run, for reading.
+    """The database of a run, for reading. An older one is migrated in memory; the file stays as it is.
 
     Raises:
         BadInput: there is none, it is not ours, or it is newer than this program.
@@ -72,8 +114,25 @@ def open_existing(folder: Path) -> sqlite3.Connection:
     if not 1 <= version <= SCHEMA_VERSION:
         db.close()
         raise BadInput(f"{path} has schema version {version}; this evg-app reads 1 to {SCHEMA_VERSION}. Update it")
+    if version < SCHEMA_VERSION:
+        db = _migrated_copy(db)
     db.row_factory = sqlite3.Row
     return db
+
+
+def _durable(path: Path) -> sqlite3.Connection:
+    db = sqlite3.connect(path, isolation_level=None)
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("PRAGMA synchronous = FULL")
+    return db
+
+
+def _migrated_copy(db: sqlite3.Connection) -> sqlite3.Connection:
+    copy = sqlite3.connect(":memory:", isolation_level=None)
+    db.backup(copy)
+    db.close()
+    migrate(copy)
+    return copy
 
 
 def _connect(path: Path) -> tuple[sqlite3.Connection, int]:

@@ -125,7 +125,7 @@ class TrialStore:
 
     def _attempt_finished(self, event: AttemptFinished) -> None:
         name = f"{ATTEMPTS}/{event.attempt_id}.npz"
-        arrays.write(self.folder / name, self._gathered)
+        digest = arrays.write(self.folder / name, self._gathered)
         judged, grasps = self._gathered.judged, self._gathered.grasps
         chosen = None if judged is None else judged.chosen
         values = {
@@ -143,6 +143,7 @@ class TrialStore:
             "score": None if chosen is None else float(grasps.score[chosen]),
             "width_m": None if chosen is None else float(grasps.width[chosen]),
             "arrays": name,
+            "arrays_sha256": digest,
         }
         sets = ", ".join(f"{column} = ?" for column in values)
         self._db.execute(f"UPDATE attempts SET {sets} WHERE attempt_id = ?", (*values.values(), event.attempt_id))
