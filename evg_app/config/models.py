@@ -9,6 +9,7 @@ from evg_app.config.base import Model as Model
 from evg_app.config.base import Positive, Vector3
 from evg_app.config.camera import CameraConfig as CameraConfig
 from evg_app.config.franka import FciModel, ToolBox
+from evg_app.config.ros2 import Ros2Model
 from evg_app.geometry import Array, from_quaternion
 from evg_app.types import Box
 
@@ -112,6 +113,7 @@ class RobotConfig(Model):
     contact_force_n: Positive = 25.0
     tool_box: ToolBox | None = None
     fci: FciModel = FciModel()
+    ros2: Ros2Model | None = None
 
     @model_validator(mode="after")
     def _lengths(self) -> Self:
@@ -127,6 +129,8 @@ class RobotConfig(Model):
         for key, vector in vectors.items():
             if len(vector) != n:
                 raise ValueError(f"{key} has {len(vector)} entries for {n} joints")
+        if self.ros2 is not None and len(self.ros2.joints) not in (0, n):
+            raise ValueError(f"ros2.joints has {len(self.ros2.joints)} entries for {n} joints")
         return self
 
 
