@@ -67,7 +67,7 @@ class MotionPlanner:
             BadInput: q_start is not finite or outside the URDF's limits.
         """
         q_start = self._start(q_start)
-        prepared = prepare(self.robot, scene, self.kinematics.link_primitives(q_start))
+        prepared = self.prepared(scene, q_start)
         verdicts = [Verdict.NOT_EXAMINED] * len(grasps)
         chosen: tuple[int, Leg, PickPlan] | None = None
         searches, accepted = MAX_SEARCHES, 0
@@ -97,7 +97,7 @@ class MotionPlanner:
         q_start, q_goal = self._start(q_start), self._start(q_goal)
         prepared = self._declared
         if scene is not None:
-            prepared = prepare(self.robot, scene, self.kinematics.link_primitives(q_start))
+            prepared = self.prepared(scene, q_start)
         path = self._router.connect(q_start, q_goal, prepared)
         if path is None:
             problem = self._problem(q_goal, prepared) or "cannot be reached without collision"
@@ -141,7 +141,7 @@ class MotionPlanner:
         legs = find_legs(self.robot, self.checker, scene, T_base_grasp, q_start)
         if isinstance(legs, Verdict):
             return legs
-        free = (leg for leg in legs if self._leg_free(leg, scene))
+        free = (leg for leg in legs if self.leg_is_free(leg, scene))
         return self._finisher.plan(free, scene, T_base_grasp, width, q_start, search)
 
     def _gripper_hits(self, scene: Scene, T_base_grasp: Array, width: float) -> bool:
@@ -152,7 +152,12 @@ class MotionPlanner:
         poses = poses[np.linspace(0, len(poses) - 1, LIFT_CHECKS + 1).astype(int)[1:]]
         return lift_hits(self._gripper, scene, T_base_grasp, poses, width)
 
-    def _leg_free(self, leg: Leg, scene: Scene) -> bool:
+    def prepared(self, scene: SceneView, q_start: Array) -> Scene:
+        """What all checks work on: `scene` without what the arm itself occupies at q_start (7,)."""
+        return prepare(self.robot, scene, self.kinematics.link_primitives(q_start))
+
+    def leg_is_free(self, leg: Leg, scene: Scene) -> bool:
+        """Whether the arm (without the gripper) touches nothing on straight approach and lift."""
         check = self._router.strict(scene, gripper=False)
         pregrasp = leg.approach.at(np.zeros(1))
         if self.checker.hits_scene(pregrasp, scene)[0]:

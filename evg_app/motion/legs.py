@@ -56,7 +56,7 @@ class Leg:
 
 
 @dataclass(frozen=True)
-class _Candidates:
+class Candidates:
     """Configurations at the grasp: q (K, 7), branch, flip and cost (K,)."""
 
     q: Array
@@ -90,6 +90,16 @@ def find_legs(
 
     The gripper itself on these legs is not checked here (see `gripper.py`).
     """
+    candidates = free_at_grasp(robot, checker, scene, T_base_grasp, q_reference)
+    if isinstance(candidates, Verdict):
+        return candidates
+    return _straight(robot, checker, T_base_grasp, candidates, q_reference)
+
+
+def free_at_grasp(
+    robot: RobotConfig, checker: ArmChecker, scene: Scene, T_base_grasp: Array, q_reference: Array
+) -> Candidates | Verdict:
+    """The chosen configurations at the grasp where the arm touches nothing, cheapest first, or the reason for none."""
     candidates = _at_grasp(robot, checker, T_base_grasp, q_reference)
     if isinstance(candidates, Verdict):
         return candidates
@@ -100,18 +110,18 @@ def find_legs(
     clear = ~checker.hits_scene(candidates.q, scene, gripper=False)
     if not clear.any():
         return Verdict.ARM_COLLISION
-    return _straight(robot, checker, T_base_grasp, _only(candidates, np.flatnonzero(clear)), q_reference)
+    return _only(candidates, np.flatnonzero(clear))
 
 
-def _only(c: _Candidates, rows: Integers) -> _Candidates:
-    return _Candidates(c.q[rows], c.branch[rows], c.flip[rows], c.cost[rows])
+def _only(c: Candidates, rows: Integers) -> Candidates:
+    return Candidates(c.q[rows], c.branch[rows], c.flip[rows], c.cost[rows])
 
 
 def _flipped(T_base_grasp: Array) -> tuple[Array, Array]:
     return T_base_grasp, T_base_grasp @ T_GRASP_FLIPPED
 
 
-def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array) -> _Candidates | Verdict:
+def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array) -> Candidates | Verdict:
     """A diverse choice of the solutions of both flips, cheapest first."""
     found = [checker.kinematics.search(hand_of_grasp(robot, T), reference) for T in _flipped(T_base_grasp)]
     if not any(len(f.q) for f in found):
@@ -126,7 +136,7 @@ def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, refe
             chosen.append(int(k))
         if len(chosen) == MAX_CANDIDATES:
             break
-    return _only(_Candidates(q, branch, flip, cost), np.array(chosen))
+    return _only(Candidates(q, branch, flip, cost), np.array(chosen))
 
 
 def _time_of(checker: ArmChecker, q_reference: Array, approach: Array, lift: Array) -> float:
@@ -140,7 +150,7 @@ def _time_of(checker: ArmChecker, q_reference: Array, approach: Array, lift: Arr
 
 
 def _straight(
-    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: _Candidates, q_reference: Array
+    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: Candidates, q_reference: Array
 ) -> list[Leg] | Verdict:
     """Follow approach and lift with each candidate; those that stay solvable, smooth and inside the limits."""
     legs: list[Leg] = []
