@@ -1,0 +1,189 @@
+"""Finding a board in a picture: corners to a fraction of a pixel, and pictures that are not worth using."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evg_app.geometry import Array, make, transform_points
+from evg_app.handeye.boards import Board, Gray, opencv
+from evg_app.types import Intrinsics
+
+MIN_CORNERS = 8
+"""Fewer corners of a board are not used."""
+MAX_EDGE_WIDTH = 1.8
+"""Standard deviation of the widest edges above which a picture is blurred [px]."""
+MAX_OBLIQUITY = 65.0
+"""Angle between the view and the board's normal above which corners are found badly [deg]."""
+MAX_FIT = 1.0
+"""RMS distance of the corners from a plane board above which something is wrong with the picture [px]."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What was found in one picture.
+
+    Attributes:
+        ids: numbers of the corners. Shape (n,).
+        pixels: where they are (column, row), distorted as in the picture. Shape (n, 2).
+        ideal: the same without lens distortion. Shape (n, 2).
+        T_cam_board: from this picture alone (nominal board size), identity when not found. Shape (4, 4).
+        fit: RMS distance of the corners from that pose's projection [px].
+        edge_width: of the blurriest direction [px].
+        problem: why it must not be used, or an empty string.
+    """
+
+    ids: NDArray[np.int64]
+    pixels: Array
+    ideal: Array
+    T_cam_board: Array
+    fit: float
+    edge_width: float
+    problem: str = ""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the picture can be used."""
+        return not self.problem
+
+
+def detect(board: Board, gray: Gray, intrinsics: Intrinsics) -> Detection:
+    """Find the board in an 8-bit picture (H, W)."""
+    ids, pixels = _corners(board, gray)
+    if len(ids) < MIN_CORNERS:
+        width = edge_width(gray, None)
+        problem = "blurred" if width > MAX_EDGE_WIDTH else "board not found" if len(ids) == 0 else "board mostly hidden"
+        return Detection(ids, pixels, pixels, np.eye(4), 0.0, width, problem)
+    ideal = undistort(pixels, intrinsics)
+    T, fit = board_pose(board.points[ids], ideal, intrinsics)
+    width = edge_width(gray, pixels)
+    return Detection(ids, pixels, ideal, T, fit, width, _problem(board, T, fit, width))
+
+
+def _problem(board: Board, T_cam_board: Array, fit: float, width: float) -> str:
+    if width > MAX_EDGE_WIDTH:
+        return "blurred"
+    sight = transform_points(T_cam_board, board.center)
+    cosine = abs(float(T_cam_board[:3, 2] @ sight) / float(np.linalg.norm(sight)))
+    if np.rad2deg(np.arccos(min(cosine, 1.0))) > MAX_OBLIQUITY:
+        return "too oblique"
+    if fit > MAX_FIT:
+        return "corners off the plane"
+    return ""
+
+
+@lru_cache(maxsize=8)
+def _detector(kind: str, pattern: Any) -> Any:
+    cv2 = opencv()
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 3
+    parameters.adaptiveThreshWinSizeMax = 43
+    if kind == "charuco":
+        charuco = cv2.aruco.CharucoParameters()
+        return cv2.aruco.CharucoDetector(pattern, charuco, parameters)
+    return cv2.aruco.ArucoDetector(pattern.getDictionary(), parameters)
+
+
+def _corners(board: Board, gray: Gray) -> tuple[NDArray[np.int64], Array]:
+    """Numbers (n,) and pixels (n, 2) of the corners found."""
+    cv2 = opencv()
+    detector = _detector(board.model.kind, board.pattern)
+    if board.model.kind == "charuco":
+        corners, ids, _, _ = detector.detectBoard(gray)
+        if ids is None:
+            return np.zeros(0, np.int64), np.zeros((0, 2))
+        numbers, pixels = np.asarray(ids).ravel().astype(np.int64), np.asarray(corners, np.float32).reshape(-1, 1, 2)
+    else:
+        found, ids, _ = detector.detectMarkers(gray)
+        if ids is None:
+            return np.zeros(0, np.int64), np.zeros((0, 2))
+        known = np.asarray(board.pattern.getIds()).ravel()
+        place = {int(tag): k for k, tag in enumerate(known)}
+        pairs = [(place[int(tag)], quad) for tag, quad in zip(np.ravel(ids), found, strict=True) if int(tag) in place]
+        if not pairs:
+            return np.zeros(0, np.int64), np.zeros((0, 2))
+        numbers = np.concatenate([np.arange(4 * k, 4 * k + 4) for k, _ in pairs])
+        pixels = np.concatenate([np.asarray(quad, np.float32).reshape(4, 1, 2) for _, quad in pairs])
+    half = int(np.clip(_spacing(pixels[:, 0]) * 0.25, 2, 6))
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
+    if board.model.kind == "charuco":
+        pixels = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), stop)
+    return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+
+def _spacing(pixels: Array) -> float:
+    """Typical distance of neighbouring corners [px]."""
+    if len(pixels) < 2:
+        return 10.0
+    d = np.linalg.norm(pixels[:, None] - pixels[None], axis=2)
+    d[d < 1e-6] = np.inf
+    return float(np.median(d.min(axis=1)))
+
+
+def undistort(pixels: Array, intrinsics: Intrinsics) -> Array:
+    """Where the pixels (n, 2) would be without lens distortion, same K. Shape (n, 2)."""
+    if not any(intrinsics.distortion) or len(pixels) == 0:
+        return pixels
+    cv2 = opencv()
+    k = np.asarray(intrinsics.distortion, dtype=np.float64)
+    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
+    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
+    ideal = cv2.undistortPointsIter(flat, intrinsics.K, k, None, intrinsics.K, stop)
+    return np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
+
+
+def board_pose(points: Array, ideal: Array, intrinsics: Intrinsics, guess: Array | None = None) -> tuple[Array, float]:
+    """T_cam_board (4, 4) from points (n, 3) and undistorted pixels (n, 2), and the RMS residual [px].
+
+    A plane has two poses that look alike; `guess` (4, 4) settles which.
+    """
+    cv2 = opencv()
+    if guess is None:
+        solved, rvecs, tvecs, _ = cv2.solvePnPGeneric(points, ideal, intrinsics.K, None, flags=cv2.SOLVEPNP_IPPE)
+        starts = list(zip(rvecs, tvecs, strict=True)) if solved else []
+    else:
+        starts = [(cv2.Rodrigues(guess[:3, :3])[0], guess[:3, 3:].copy())]
+    best, least = np.eye(4), float("inf")
+    for rvec, tvec in starts:
+        rvec, tvec = cv2.solvePnPRefineLM(points, ideal, intrinsics.K, None, rvec.copy(), tvec.copy())
+        seen = cv2.projectPoints(points, rvec, tvec, intrinsics.K, None)[0].reshape(-1, 2)
+        rms = float(np.sqrt(((seen - ideal) ** 2).sum(axis=1).mean()))
+        if rms < least and float(tvec[2, 0]) > 0:
+            best, least = make(cv2.Rodrigues(rvec)[0], tvec[:, 0]), rms
+    return best, least
+
+
+def edge_width(gray: Gray, pixels: Array | None) -> float:
+    """Standard deviation [px] of the sharpest edges around the corners, of the blurrier direction.
+
+    A step blurred by a Gaussian has its largest slope = contrast / (sigma sqrt(2 pi)).
+    """
+    if pixels is None or len(pixels) == 0:
+        patches = [
+            gray[r : r + 48, c : c + 48] for r in range(0, gray.shape[0], 48) for c in range(0, gray.shape[1], 48)
+        ]
+    else:
+        half = int(np.clip(_spacing(pixels) * 0.6, 5, 30))
+        corners = np.rint(pixels).astype(int)
+        patches = [gray[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1] for u, v in corners]
+    widths = [w for w in (_patch_width(p.astype(np.float32)) for p in patches) if w is not None]
+    if not widths:
+        return 99.0
+    return float(np.median(widths)) if pixels is not None else float(np.min(widths))
+
+
+def _patch_width(patch: NDArray[np.float32]) -> float | None:
+    if min(patch.shape) < 8:
+        return None
+    low, high = np.percentile(patch, (5, 95))
+    contrast = float(high - low)
+    if contrast < 25:
+        return None
+    smooth = (patch[:-2] + 2 * patch[1:-1] + patch[2:]) / 4
+    gx = np.abs(smooth[:, 2:] - smooth[:, :-2]).max() / 2
+    smooth = (patch[:, :-2] + 2 * patch[:, 1:-1] + patch[:, 2:]) / 4
+    gy = np.abs(smooth[2:] - smooth[:-2]).max() / 2
+    return float(contrast / (max(min(gx, gy), 1e-3) * np.sqrt(2 * np.pi)))

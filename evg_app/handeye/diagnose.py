@@ -1,0 +1,220 @@
+"""What is wrong with a session, in words: each finding names its cause and what to do about it."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from evg_app.config.calibration import Mode
+from evg_app.geometry import Array, invert
+from evg_app.handeye.refine import Fit
+from evg_app.handeye.rigid import log
+from evg_app.handeye.sample import Session, Views
+
+Severity = Literal["note", "warn", "refuse"]
+
+MIN_SAMPLES = 8
+"""Fewer usable samples are not solved."""
+MANY_REJECTED = 0.3
+"""Share of rejected pictures that is worth a warning."""
+MIN_SPREAD = 6.0
+"""Least root-mean-square turn about the second rotation axis [deg]."""
+SCALE_LEAST, SCALE_SIGMAS = 0.006, 4.0
+"""A board is of the wrong size from this relative deviation, and this many standard deviations, on."""
+LEVER = 0.5
+"""Metres per radian when shifts and turns are added up."""
+MOVED_LEAST_M, MOVED_SCORE = 0.0015, 45.0
+"""Least step [m] and least score (sum of six squared t values) for 'moved between two samples'."""
+DISAGREE_MM = 15.0
+"""Median distance of the closed-form solvers from the refined result that is worth a warning [mm]."""
+DEPTH_SHARE = 0.05
+"""Relative disagreement of the depth camera with the board that is worth a warning."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was noticed.
+
+    Attributes:
+        cause: a fixed word: "one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur", "hidden",
+            "few-samples", "no-solution", "solvers-disagree", "depth", "heldout", "bound" or "repaired".
+        severity: what it does to the verdict.
+        text: for the user.
+    """
+
+    cause: str
+    severity: Severity
+    text: str
+
+
+def pictures(session: Session) -> list[Finding]:
+    """Rejected pictures, and whether enough are left."""
+    findings: list[Finding] = []
+    total, usable = len(session.samples), len(session.usable())
+    why = Counter(s.detection.problem for s in session.samples if not s.detection.ok)
+    short = usable < MIN_SAMPLES
+    blurred = why.pop("blurred", 0)
+    if blurred and (short or blurred > MANY_REJECTED * total):
+        width = float(np.median([s.detection.edge_width for s in session.samples if s.detection.problem == "blurred"]))
+        findings.append(
+            Finding(
+                "blur",
+                "refuse" if short else "warn",
+                f"{blurred} of {total} pictures are blurred (edges {width:.1f} px wide): focus the lens, add light or "
+                "shorten the exposure, and let the arm come to rest",
+            )
+        )
+    others = sum(why.values())
+    if others and (short or others > MANY_REJECTED * total):
+        listed = ", ".join(f"{text} {count}" for text, count in why.most_common())
+        findings.append(
+            Finding(
+                "hidden",
+                "refuse" if short else "warn",
+                f"{others} of {total} pictures could not be used ({listed}): keep the whole board in view and facing "
+                "the camera, and check that --board names the printed board",
+            )
+        )
+    if short:
+        findings.append(
+            Finding("few-samples", "refuse", f"{usable} usable samples, at least {MIN_SAMPLES} are needed: take more")
+        )
+    return findings
+
+
+def rotations(views: Views, mode: Mode) -> list[Finding]:
+    """Whether the arm turned about more than one axis."""
+    hands = views.A if mode == "eye-to-hand" else invert(views.A)
+    mean = Rotation.from_matrix(hands[:, :3, :3]).mean().as_matrix()
+    turns = np.rad2deg(log(mean.T @ hands[:, :3, :3]))
+    values, axes = np.linalg.eigh(turns.T @ turns / len(turns))
+    spread = np.sqrt(np.maximum(values[::-1], 0.0))
+    if spread[1] >= MIN_SPREAD:
+        return []
+    axis = axes[:, 2]
+    names = ("x", "y", "z")
+    main = int(np.argmax(np.abs(axis)))
+    others = " and ".join(name for k, name in enumerate(names) if k != main)
+    if spread[0] < MIN_SPREAD:
+        text = (
+            f"the hand hardly turns ({spread[0]:.1f} deg RMS): add poses that tilt by 15 to 30 degrees about x, y and z"
+        )
+    else:
+        text = (
+            f"all rotations are about one axis (the hand's {names[main]}: {spread[0]:.0f} deg RMS, next {spread[1]:.1f} "
+            f"deg): the camera's place along it cannot be known; add poses that tilt about {others}"
+        )
+    return [Finding("one-axis", "refuse", text)]
+
+
+def board_size(scale: float, scale_std: float, square_m: float) -> list[Finding]:
+    """Whether the robot's motion contradicts the size of the board."""
+    off = scale - 1.0
+    if abs(off) < max(SCALE_LEAST, SCALE_SIGMAS * scale_std):
+        return []
+    larger = "larger" if off > 0 else "smaller"
+    return [
+        Finding(
+            "board-scale",
+            "warn",
+            f"the board is {100 * abs(off):.1f} % (+- {196 * scale_std:.1f}) {larger} than its YAML says (measured by the "
+            f"arm's motion; corrected here): measure the printed ruler and set the square to {1000 * square_m * scale:.2f} mm "
+            "(if the print is right, the focal length is not)",
+        )
+    ]
+
+
+def outliers(numbers: "list[int]", rms: "list[float]", total: int, median: float) -> list[Finding]:
+    """Samples that were left out because they contradict the others."""
+    if not numbers:
+        return []
+    listed = ", ".join(f"{n} ({r:.1f} px)" for n, r in zip(numbers, rms, strict=True))
+    text = (
+        f"{len(numbers)} of {total} samples are outliers and were left out: {listed}; the others have {median:.2f} px: was "
+        "the arm still moving, or the board touched?"
+    )
+    return [Finding("outliers", "warn", text)]
+
+
+def poses_apart(views: Views, fit: Fit) -> Array:
+    """Each sample's own camera pose minus the fit's: shift, and turn times `LEVER` [m]. Shape (N, 6)."""
+    B = views.B.copy()
+    B[:, :3, 3] *= fit.scale
+    relative = invert(fit.X) @ (views.A @ fit.Z @ invert(B))
+    centre = (invert(fit.X) @ views.A @ fit.Z)[:, :3, 3].mean(axis=0)
+    turns = log(relative)
+    shift = np.einsum("nij,j->ni", relative[:, :3, :3] - np.eye(3), centre) + relative[:, :3, 3]
+    return np.concatenate([shift, LEVER * turns], axis=1)
+
+
+def step_in(apart: Array) -> tuple[int, float, float]:
+    """The likeliest moment of a step in (N, 6): index of the first sample after it, size [m], score."""
+    best = (0, 0.0, 0.0)
+    n = len(apart)
+    for k in range(3, n - 2):
+        a, b = apart[:k], apart[k:]
+        jump = np.median(b, axis=0) - np.median(a, axis=0)
+        spread = 1.4826 * np.median(
+            np.abs(np.concatenate([a - np.median(a, axis=0), b - np.median(b, axis=0)])), axis=0
+        )
+        t2 = jump**2 / (np.maximum(spread, 1e-4) ** 2 * (1 / k + 1 / (n - k)) * np.pi / 2)
+        score = float(t2.sum())
+        if score > best[2]:
+            best = (k, float(np.linalg.norm(jump)), score)
+    return best
+
+
+def moved(views: Views, fit: Fit, left_out: "list[int]", mode: Mode) -> list[Finding]:
+    """Whether camera or board moved once during the session. `left_out`: numbers of the outliers."""
+    what = "the camera (or its stand)" if mode == "eye-to-hand" else "the camera on the hand (or the board)"
+    k, size, score = step_in(poses_apart(views, fit))
+    numbers = views.numbers
+    if left_out and (block := _one_block(numbers, left_out)) is not None:
+        k = block
+    elif score < MOVED_SCORE or size < MOVED_LEAST_M:
+        return []
+    text = (
+        f"{what} moved between samples {numbers[k - 1]} and {numbers[k]} (by about {1000 * size:.0f} mm): fix it firmly and "
+        "calibrate again"
+    )
+    return [Finding("moved", "refuse", text)]
+
+
+def _one_block(numbers: Array, left_out: "list[int]") -> int | None:
+    """Index of the first sample after the step when the outliers are (nearly) all first or all last samples."""
+    if len(left_out) < 3:
+        return None
+    flags = np.isin(numbers, left_out)
+    n = len(flags)
+    mistakes = [int(flags[:k].sum() + (~flags[k:]).sum()) for k in range(1, n)]
+    inverse = [n - m for m in mistakes]
+    best, k = min((value, k + 1) for row in (mistakes, inverse) for k, value in enumerate(row))
+    return k if best <= len(left_out) // 4 and 3 <= k <= n - 3 else None
+
+
+def solver_spread(distances_mm: "dict[str, float | None]") -> list[Finding]:
+    """Whether the closed-form solvers are far from the refined result."""
+    known = [d for d in distances_mm.values() if d is not None]
+    if not known or np.median(known) <= DISAGREE_MM:
+        return []
+    text = f"the closed-form solvers disagree (median {np.median(known):.0f} mm from the result): samples are noisy or too alike"
+    return [Finding("solvers-disagree", "warn", text)]
+
+
+def depth_check(session: Session, scale: float) -> list[Finding]:
+    """Whether the depth camera sees the board at the distance its corners say."""
+    ratios = []
+    for s in session.usable():
+        if len(s.board_depth) != len(s.detection.ids):
+            continue
+        p = session.board.points[s.detection.ids] @ s.detection.T_cam_board[2, :3] + s.detection.T_cam_board[2, 3]
+        good = np.isfinite(s.board_depth) & (s.board_depth > 0)
+        if good.sum() >= 6:
+            ratios.append(float(np.median(s.board_depth[good] / (p[good] * scale))))
+    if len(ratios) < 3 or abs(float(np.median(ratios)) - 1) < DEPTH_SHARE:
+        return []
+    off = 100 * (float(np.median(ratios)) - 1)
+    text = f"depth reads {off:+.1f} % against the board's distance: check the depth scale and the board's size"
+    return [Finding("depth", "warn", text)]

@@ -1,0 +1,1 @@
+"""A stand-in for arm and camera that renders the board. It alone knows the truth; no solver imports it."""

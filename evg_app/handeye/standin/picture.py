@@ -1,0 +1,184 @@
+"""Pictures of a board by casting the rays of every pixel at its plane: lens distortion, blur, exposure, hiding, noise."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evg_app.config.calibration import project
+from evg_app.geometry import Array, transform_points
+from evg_app.handeye.boards import Board, Gray, opencv
+from evg_app.handeye.detect import undistort
+from evg_app.types import Intrinsics
+
+SUPERSAMPLING = 4
+"""Rays per pixel along each axis."""
+TEXELS_PER_M = 4000.0
+"""Resolution of the printed pattern."""
+PAPER_BORDER = 0.012
+"""White margin of the plate around the pattern [m]."""
+INK, PAPER = 0.06, 0.85
+"""Reflectance."""
+
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """How one picture is taken.
+
+    Attributes:
+        gain: exposure; 1 makes paper 0.85 of white.
+        slope: light falls off across the plate, relative, along a direction (2,).
+        defocus: standard deviation of the lens blur [px].
+        motion: blur by motion during the exposure, (column, row) [px].
+        hidden: discs in front of the board: (column, row, radius) [px].
+        seed: of the sensor noise and the background.
+    """
+
+    gain: float = 1.0
+    slope: tuple[float, float] = (0.0, 0.0)
+    defocus: float = 0.5
+    motion: tuple[float, float] = (0.0, 0.0)
+    hidden: tuple[tuple[float, float, float], ...] = ()
+    seed: int = 0
+
+
+class BoardPainter:
+    """Renders one board through one lens."""
+
+    def __init__(self, board: Board, intrinsics: Intrinsics, print_scale: float = 1.0) -> None:
+        """`print_scale`: true over nominal size of the print."""
+        self.board, self.intrinsics, self.print_scale = board, intrinsics, print_scale
+
+    @cached_property
+    def _texture(self) -> Image:
+        """Reflectance of the plate, paper border included."""
+        pattern = self.board.picture(TEXELS_PER_M).astype(np.float32) / 255.0
+        border = round(PAPER_BORDER * TEXELS_PER_M)
+        plate = np.pad(pattern, border, constant_values=1.0)
+        return np.asarray(INK + (PAPER - INK) * plate, dtype=np.float32)
+
+    @cached_property
+    def _rays(self) -> NDArray[np.float32]:
+        """Undistorted ray (x, y) at depth 1 of every pixel centre. Shape (H, W, 2)."""
+        K = self.intrinsics
+        v, u = np.mgrid[: K.height, : K.width]
+        ideal = undistort(np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64), K)
+        rays = (ideal - [K.cx, K.cy]) / [K.fx, K.fy]
+        return np.asarray(rays.reshape(K.height, K.width, 2), dtype=np.float32)
+
+    def _fine_rays(self, top: int, bottom: int, left: int, right: int) -> tuple[Image, Image]:
+        """Rays of the sub-pixels of a crop; the lens is linear within a pixel."""
+        cv2, s = opencv(), SUPERSAMPLING
+        height, width = bottom - top, right - left
+        at = (np.arange(max(height, width) * s, dtype=np.float32) + 0.5) / s - 0.5
+        columns, rows = np.meshgrid(at[: width * s] + left, at[: height * s] + top)
+        x, y = (
+            cv2.remap(np.ascontiguousarray(self._rays[..., k]), columns, rows, cv2.INTER_LINEAR, borderMode=1)
+            for k in range(2)
+        )
+        return x, y
+
+    def corner_pixels(self, T_cam_board: Array) -> Array:
+        """Where the plate's corners are (column, row), distorted. Shape (4, 2)."""
+        p = transform_points(T_cam_board, self._plate_corners())
+        return project(self.intrinsics, p)
+
+    def _plate_corners(self) -> Array:
+        sign = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        return np.asarray((self.board.outline + PAPER_BORDER * sign) * self.print_scale)
+
+    def paint(self, T_cam_board: Array, exposure: Exposure) -> Gray:
+        """One 8-bit picture (H, W)."""
+        K, rng = self.intrinsics, np.random.default_rng(exposure.seed)
+        light = _background(rng, K.height, K.width)
+        crop = self._crop(T_cam_board, exposure)
+        if crop is not None:
+            top, bottom, left, right = crop
+            light[top:bottom, left:right] = self._plate(light[top:bottom, left:right], T_cam_board, exposure, crop)
+        mean = 255.0 * exposure.gain * light
+        noisy = mean + rng.normal(0.0, 1.0, mean.shape).astype(np.float32) * np.sqrt(2.0 + 0.02 * mean)
+        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+    def _crop(self, T_cam_board: Array, exposure: Exposure) -> tuple[int, int, int, int] | None:
+        """Rows and columns (top, bottom, left, right) that the plate can touch, or None."""
+        if (transform_points(T_cam_board, self._plate_corners())[:, 2] < 0.05).any():
+            return None
+        K, pixels = self.intrinsics, self.corner_pixels(T_cam_board)
+        margin = 4 + int(3 * exposure.defocus + np.hypot(*exposure.motion))
+        low, high = np.floor(pixels.min(axis=0)) - margin, np.ceil(pixels.max(axis=0)) + margin
+        left, right = int(np.clip(low[0], 0, K.width)), int(np.clip(high[0], 0, K.width))
+        top, bottom = int(np.clip(low[1], 0, K.height)), int(np.clip(high[1], 0, K.height))
+        return (top, bottom, left, right) if bottom - top > 4 and right - left > 4 else None
+
+    def _plate(self, behind: Image, T_cam_board: Array, exposure: Exposure, crop: tuple[int, int, int, int]) -> Image:
+        cv2, s = opencv(), SUPERSAMPLING
+        x, y = self._fine_rays(*crop)
+        (u, v), inside = self._texels(x, y, T_cam_board)
+        texture = self._texture
+        shade = cv2.remap(texture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        across, down = u / texture.shape[1] - 0.5, v / texture.shape[0] - 0.5
+        shade = shade * (1.0 + exposure.slope[0] * across + exposure.slope[1] * down)
+        around = cv2.resize(behind, (x.shape[1], x.shape[0]), interpolation=cv2.INTER_LINEAR)
+        fine = np.where(inside, shade, around).astype(np.float32)
+        rows, columns = np.mgrid[: x.shape[0], : x.shape[1]].astype(np.float32)
+        for column, row, radius in exposure.hidden:
+            far = np.hypot(columns / s + crop[2] - column, rows / s + crop[0] - row)
+            fine[far < radius] = 0.22
+        fine = _blurred(fine, exposure, s)
+        return np.asarray(cv2.resize(fine, (x.shape[1] // s, x.shape[0] // s), interpolation=cv2.INTER_AREA))
+
+    def _texels(self, x: Image, y: Image, T: Array) -> tuple[tuple[Image, Image], NDArray[np.bool_]]:
+        """Texture coordinates where rays hit the plate's plane, and whether they hit the plate."""
+        n = T[:3, 2]
+        depth = float(n @ T[:3, 3]) / np.where(np.abs(d := x * n[0] + y * n[1] + n[2]) < 1e-6, 1e-6, d)
+        p = np.stack([x * depth - T[0, 3], y * depth - T[1, 3], depth - T[2, 3]], axis=-1).astype(np.float32)
+        along = p @ (T[:3, :2] / self.print_scale).astype(np.float32)
+        border = PAPER_BORDER * TEXELS_PER_M
+        u, v = along[..., 0] * TEXELS_PER_M + border - 0.5, along[..., 1] * TEXELS_PER_M + border - 0.5
+        height, width = self._texture.shape
+        inside = (depth > 0) & (u >= -0.5) & (v >= -0.5) & (u <= width - 0.5) & (v <= height - 0.5)
+        return (u.astype(np.float32), v.astype(np.float32)), inside
+
+    def depth(
+        self, T_cam_board: Array, factor: float, noise: float, unit: float, rng: np.random.Generator
+    ) -> NDArray[np.uint16]:
+        """Depth of the plate times `factor` with `noise` [m] in units of `unit` [m], 0 elsewhere. Shape (H, W)."""
+        K = self.intrinsics
+        image = np.zeros((K.height, K.width), np.uint16)
+        crop = self._crop(T_cam_board, Exposure())
+        if crop is None:
+            return image
+        top, bottom, left, right = crop
+        rays = self._rays[top:bottom, left:right]
+        n = T_cam_board[:3, 2]
+        along = rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2]
+        z = float(n @ T_cam_board[:3, 3]) / np.where(np.abs(along) < 1e-6, 1e-6, along)
+        _, inside = self._texels(rays[..., 0], rays[..., 1], T_cam_board)
+        measured = np.where(inside, z * factor + rng.normal(0, noise, z.shape), 0.0)
+        image[top:bottom, left:right] = np.clip(np.rint(measured / unit), 0, 65535).astype(np.uint16)
+        return image
+
+
+def _background(rng: np.random.Generator, height: int, width: int) -> Image:
+    """Something dim and uneven behind the board."""
+    cv2 = opencv()
+    coarse = rng.uniform(0.12, 0.45, (12, 20)).astype(np.float32)
+    return np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.float32)
+
+
+def _blurred(fine: Image, exposure: Exposure, s: int) -> Image:
+    cv2 = opencv()
+    if exposure.defocus > 0:
+        fine = cv2.GaussianBlur(fine, (0, 0), exposure.defocus * s)
+    du, dv = exposure.motion[0] * s, exposure.motion[1] * s
+    length = int(np.ceil(np.hypot(du, dv)))
+    if length > 1:
+        kernel = np.zeros((length | 1, length | 1), np.float32)
+        steps = np.linspace(-0.5, 0.5, 4 * length)
+        half = (length | 1) // 2
+        np.add.at(kernel, (np.rint(half + steps * dv).astype(int), np.rint(half + steps * du).astype(int)), 1.0)
+        fine = cv2.filter2D(fine, -1, kernel / kernel.sum(), borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(fine, dtype=np.float32)
