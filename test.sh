@@ -2,7 +2,7 @@
 # Sets everything up and runs all tests: fast ones, slow ones, then the reference oracle in an environment of its own.
 set -euo pipefail
 cd "$(dirname "$0")"
-./setup.sh test
+./setup.sh test realsense
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 .venv/bin/python -m pytest -m "not slow and not oracle" "$@"
 .venv/bin/python -m pytest -m "slow and not oracle" "$@"

@@ -21,7 +21,7 @@ from evg_app.geometry import Array
 
 SLICE_MS = 100
 """Longest wait inside librealsense [ms]; Ctrl-C is heard between two."""
-STOP_TIMEOUT = 3.0
+STOP_TIMEOUT = 2.0
 """A dead pipeline may hang when it is stopped; it is left behind after this long [s]."""
 
 
@@ -87,7 +87,11 @@ class Link:
         self.settings: Mapping[str, float] = {}
         profile = self._start_device(serial, record_to) if recording is None else self._start_recording(recording)
         self.info: CameraInfo = info_of(rs, profile.get_device())
-        self._streams(profile)
+        try:
+            self._streams(profile)
+        except RuntimeError as error:
+            self.stop()
+            raise BadInput(f"{self._name()} does not describe its streams: {_last_words(error)}") from error
         self._epoch = epoch
         self._mapper: StampMapper | None = None
         self._pending: Any = None
@@ -134,8 +138,7 @@ class Link:
             if stream.is_video_stream_profile()
         }
         if rs.stream.depth not in streams:
-            self.stop()
-            raise BadInput(f"{self._name()} has no depth stream; evg-app needs one")
+            raise RuntimeError("there is no depth stream")
         depth, color = streams[rs.stream.depth], streams.get(rs.stream.color)
         self.intrinsics = intrinsics_of(rs, depth.get_intrinsics())
         self.depth_scale = float(profile.get_device().first_depth_sensor().get_depth_scale())
