@@ -2,7 +2,16 @@
 # Sets everything up and runs all tests: fast ones, slow ones, then the reference oracle in an environment of its own.
 set -euo pipefail
 cd "$(dirname "$0")"
-./setup.sh test realsense
+./setup.sh test realsense franka
+
+# franka-sim speaks the robot's network protocol strictly; it needs numpy 1, the application numpy 2.
+if [ ! -f .venv-franka-sim/evg-setup ] || ! cmp -s pyproject.toml .venv-franka-sim/evg-setup; then
+  .venv/bin/python -m venv --clear .venv-franka-sim
+  .venv-franka-sim/bin/pip install -q --upgrade "pip>=25.1"
+  .venv-franka-sim/bin/pip install -q --group franka-sim
+  cp pyproject.toml .venv-franka-sim/evg-setup
+fi
+
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
 .venv/bin/python -m pytest -m "not slow and not oracle" "$@"
 .venv/bin/python -m pytest -m "slow and not oracle" "$@"

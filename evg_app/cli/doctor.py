@@ -28,6 +28,7 @@ LIBRARIES = {
 EXTRAS = {
     "realsense": ("pyrealsense2", "the D435i camera"),
     "ros": ("rclpy", "the robot over ROS 2"),
+    "franka": ("pylibfranka", "the robot over the Franka Control Interface"),
     "train": ("matplotlib", "curves of evg-app train"),
     "test": ("pytest", "the test-suite"),
 }
