@@ -1,9 +1,9 @@
 """Where ROS interface packages come from: a ROS installation, pip wheels, or what `evg-app ros build` made."""
 
+import ctypes
 import hashlib
 import importlib
 import importlib.util
-import os
 import sys
 import sysconfig
 from importlib import metadata
@@ -93,6 +93,7 @@ def interface(module: str, name: str) -> Any:
     package = module.partition(".")[0]
     if not is_there(package):
         raise MissingInterfaces(package)
+    _preload(package)
     return getattr(importlib.import_module(module), name)
 
 
@@ -100,9 +101,18 @@ def _activate() -> None:
     """Put what was built behind everything that is installed."""
     prefix = build_folder()
     site = str(site_packages(prefix))
-    if not (prefix / "complete").is_file() or site in sys.path:
-        return
-    sys.path.append(site)
-    for variable, value in (("LD_LIBRARY_PATH", str(prefix / "lib")), ("AMENT_PREFIX_PATH", str(prefix))):
-        os.environ[variable] = os.pathsep.join(part for part in (os.environ.get(variable), value) if part)
-    importlib.invalidate_caches()
+    if (prefix / "complete").is_file() and site not in sys.path:
+        sys.path.append(site)
+        importlib.invalidate_caches()
+
+
+def _preload(package: str) -> None:
+    """Load a built package's library by its path: the middleware asks for it by name, and then finds it loaded."""
+    library = build_folder() / "lib" / f"lib{package}__rosidl_typesupport_fastrtps_c.so"
+    module = importlib.util.find_spec(package)
+    built = module is not None and str(module.origin).startswith(str(build_folder()))
+    if built and library.is_file() and str(library) not in _loaded:
+        _loaded[str(library)] = ctypes.CDLL(str(library))
+
+
+_loaded: dict[str, ctypes.CDLL] = {}
