@@ -3,15 +3,28 @@
 A new robot driver adds its bench to `BENCHES`, a new camera driver to `CAMERA_BENCHES`, nothing else.
 """
 
+import atexit
+import shutil
+import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "cameras"))
+
+from recordings import table_depth, write_recording
+
+from evg_app.cameras.factory import open_replay
 from evg_app.cameras.protocol import Camera
-from evg_app.clock import Clock
+from evg_app.cameras.realsense.camera import RealSenseCamera
+from evg_app.cameras.realsense.link import Recording
+from evg_app.clock import Clock, WallClock
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.errors import DeviceTimeout, HardwareError, Refused
 from evg_app.robots.protocol import Arm, Gripper, MotionHandle
@@ -57,8 +70,32 @@ def simulated_camera() -> CameraBench:
     return CameraBench(SimulatedCamera(world, load_camera("d435i")), SimClock(world), world.close)
 
 
+@cache
+def recording() -> Path:
+    """A .db3 file of a table, written by a software device."""
+    path = Path(tempfile.mkdtemp()) / "table.db3"
+    atexit.register(shutil.rmtree, path.parent, ignore_errors=True)
+    return write_recording(path, [np.rint(table_depth()).astype(np.uint16)] * 12)
+
+
+def realsense_camera() -> CameraBench:
+    """librealsense's own pipeline on a recording, as fast as it was taken."""
+    clock = WallClock()
+    source = Recording(recording(), repeat=True)
+    return CameraBench(RealSenseCamera(load_camera("d435i"), clock, recording=source), clock, lambda: None)
+
+
+def replay_camera() -> CameraBench:
+    clock = WallClock()
+    return CameraBench(open_replay(load_camera("d435i"), recording(), clock=clock, repeat=True), clock, lambda: None)
+
+
 BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated}
-CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {"simulated": simulated_camera}
+CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {
+    "simulated": simulated_camera,
+    "realsense": realsense_camera,
+    "replay": replay_camera,
+}
 
 
 @pytest.fixture(params=sorted(BENCHES))

@@ -49,6 +49,7 @@ class Connection:
         self._recording, self._record_to, self._sdk = recording, record_to, sdk
         self._running = False
         self._link: Link | None = None
+        self._held: Shot | None = None
 
     @property
     def link(self) -> Link:
@@ -63,7 +64,7 @@ class Connection:
 
     def close(self) -> None:
         """Stop the stream; may be called at any time, repeatedly."""
-        self._running = False
+        self._running, self._held = False, None
         if self._link is not None:
             self._link.stop()
 
@@ -106,6 +107,9 @@ class Connection:
             HardwareError: the camera left USB, the recording has ended, or the stream cannot be started.
         """
         self.open()
+        held, self._held = self._held, None
+        if held is not None and held.stamp >= after:
+            return held
         stall, silent_since = self._config.realsense.stall_s, self._clock.now()
         while (left := deadline - self._clock.now()) > 0:
             shot = self.link.next(min(left, stall))
@@ -136,10 +140,14 @@ class Connection:
         self._link = link
         if self._recording is None:
             self._serial = link.info.serial
-        if link.next(FIRST_FRAME) is None:
+        first = link.next(FIRST_FRAME)
+        if first is None:
             return f"no frame within {FIRST_FRAME:g} s of the start."
+        if self._recording is not None:
+            self._held = first
+            return ""
         settled = self._clock.now() + self._config.realsense.warmup_s
-        while self._recording is None and self._clock.now() < settled:
+        while self._clock.now() < settled:
             link.next(POLL)
         return ""
 
