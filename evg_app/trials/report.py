@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from evg_app.trials.reasons import tree_lines
 from evg_app.trials.statistics import rate
 
 
@@ -21,15 +22,38 @@ def _head(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _results(facts: Mapping[str, Any]) -> list[str]:
-    known = facts["objects"] is not None
-    cleared = (
-        rate(min(facts["successes"], facts["objects"]), facts["objects"]) if known else "unknown (no object count)"
-    )
-    return [
+    cleared = rate(facts["removed"], facts["objects"]) if facts["objects"] is not None else "unknown (no object count)"
+    lines = [
         f"GSR     {rate(facts['successes'], facts['attempts'])}   grasps that ended in the bin, of those executed",
         f"DR      {cleared}   objects removed, of those on the table",
         f"rounds  {facts['rounds']}   picks per hour {facts['picks_per_hour']:.0f}"
         f"   (motion {facts['motion_s']:.1f} s, computing {facts['compute_s']:.1f} s)",
+    ]
+    if facts["gsr_bootstrap_ci"] is not None:
+        low, high = (100 * x for x in facts["gsr_bootstrap_ci"])
+        effect = facts["design_effect"]
+        lines.append(
+            f"        by rounds, GSR [{low:.1f}, {high:.1f}] % (cluster bootstrap; design effect {effect:.2f})"
+        )
+    if facts["attempts_still_needed_for_5_percent"]:
+        more = facts["attempts_still_needed_for_5_percent"]
+        lines.append(f"        {more} more attempts for an interval of +/- 5 points")
+    if facts["rounds_begun_again"]:
+        lines.append(f"        {facts['rounds_begun_again']} interrupted rounds were begun again and do not count")
+    return lines + _operator(facts["operator"])
+
+
+def _operator(facts: Mapping[str, Any] | None) -> list[str]:
+    if facts is None:
+        return []
+    k, n = facts["gsr_automatic_counts"]
+    kappa = "" if facts["kappa"] is None else f", kappa {facts['kappa']:.2f}"
+    return [
+        f"operator labelled {facts['labelled']} attempts; agrees with the automatic label in "
+        f"{rate(facts['agree'], facts['compared'])}{kappa}",
+        f"        automatic success only {facts['only_automatic_success']}, operator success only "
+        f"{facts['only_operator_success']}, cannot tell {facts['cannot_tell']}",
+        f"        GSR of the automatic label {rate(k, n)}",
     ]
 
 
@@ -42,6 +66,8 @@ def _reasons(facts: Mapping[str, Any]) -> list[str]:
         "verify vs truth   "
         f"held and in the bin {table['true_positive']}, held but not {table['false_positive']}, "
         f"empty but in the bin {table['false_negative']}, empty and not {table['true_negative']}",
+        "passes without a success, by where they failed:",
+        *(f"    {line}" for line in tree_lines(facts["reason_tree"])),
     ]
 
 

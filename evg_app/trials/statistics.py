@@ -68,6 +68,23 @@ def confusion(judged: Sequence[tuple[bool, bool]]) -> dict[str, int]:
     return counts
 
 
+def agreement(pairs: Sequence[tuple[bool, bool]]) -> dict[str, Any]:
+    """How an automatic label and a person's agree: counts, and Cohen's kappa (None when either never varies)."""
+    n, both = len(pairs), sum(a == b for a, b in pairs)
+    kappa = None
+    if n:
+        a, b = sum(x for x, _ in pairs) / n, sum(y for _, y in pairs) / n
+        chance = a * b + (1 - a) * (1 - b)
+        kappa = None if chance == 1.0 else (both / n - chance) / (1 - chance)
+    return {
+        "compared": n,
+        "agree": both,
+        "only_automatic_success": sum(x and not y for x, y in pairs),
+        "only_operator_success": sum(y and not x for x, y in pairs),
+        "kappa": kappa,
+    }
+
+
 def tally(words: Iterable[Any]) -> dict[str, int]:
     """How often each word occurs, most frequent first; empty words are left out."""
     counts: dict[str, int] = {}

@@ -2,16 +2,20 @@
 
 import json
 import sqlite3
-from collections.abc import Sequence
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
-from evg_app.errors import BadInput
 from evg_app.events import COMPUTE_STAGES
 from evg_app.trials import schema
-from evg_app.trials.statistics import confusion, fraction, median_p95, picks_per_hour, tally, wilson
+from evg_app.trials.bootstrap import cluster_bootstrap, design_effect
+from evg_app.trials.reasons import reason, tree
+from evg_app.trials.rows import LogRows, automatic_success, key, read_rows
+from evg_app.trials.sample_size import for_half_width
+from evg_app.trials.statistics import agreement, confusion, fraction, median_p95, picks_per_hour, tally, wilson
 
-Rows = Sequence[sqlite3.Row]
+PRECISION = 0.05
+"""Half width of the interval that "trials still needed" aims at."""
 
 
 def summary(folder: Path) -> dict[str, Any]:
@@ -20,105 +24,136 @@ def summary(folder: Path) -> dict[str, Any]:
     Raises:
         BadInput: the folder holds no readable trial log.
     """
-    db = schema.open_existing(folder)
-    try:
-        runs = db.execute("SELECT * FROM runs").fetchall()
-        rounds = db.execute("SELECT * FROM rounds ORDER BY rowid").fetchall()
-        passes = db.execute("SELECT * FROM attempts WHERE outcome IS NOT NULL ORDER BY rowid").fetchall()
-        stages = db.execute("SELECT attempt_id, stage, wall_ms FROM stages ORDER BY rowid").fetchall()
-        verdicts = db.execute("SELECT verdict, SUM(candidates) FROM verdicts GROUP BY verdict").fetchall()
-    except sqlite3.Error as error:
-        raise BadInput(f"{folder / schema.DATABASE} cannot be read: {error}") from error
-    finally:
-        db.close()
-    if not runs:
-        raise BadInput(f"{folder} holds a trial log without a run: it was interrupted while starting")
-    run = runs[0]
+    return summarise(read_rows(folder))
+
+
+def summarise(rows: LogRows) -> dict[str, Any]:
+    """The same, from rows already read."""
+    executed = [row for row in rows.passes if row["counts"]]
+    verdicts: Counter[str] = Counter()
+    for row in rows.passes:
+        verdicts.update(rows.verdicts.get(row["attempt_id"], {}))
     return {
-        **_rates(rounds, passes),
-        **_times(passes, stages),
-        "stop_reasons": tally(row["stop_reason"] or "interrupted" for row in rounds),
-        "outcomes": tally(row["outcome"] for row in passes),
-        "failure_reasons": tally(row["failure"] for row in passes if row["counts"]),
-        "verdicts": {row[0]: row[1] for row in sorted(verdicts, key=lambda row: (-row[1], row[0]))},
-        "confusion": confusion([(bool(row["verified"]), bool(row["truth"])) for row in _judged(passes)]),
-        "round_rows": [_round(row, passes) for row in rounds],
-        **_origin(run),
-        "run_dir": str(folder),
+        **_rates(rows),
+        **_times(rows),
+        "operator": _operator(rows),
+        "stop_reasons": tally(row["stop_reason"] or "interrupted" for row in rows.rounds),
+        "outcomes": tally(row["outcome"] for row in rows.passes),
+        "failure_reasons": tally(row["failure"] for row in executed),
+        "reason_tree": tree(
+            reason(row["outcome"], row["failure"] or "", rows.verdicts.get(row["attempt_id"], {}))
+            for row in rows.passes
+        ),
+        "verdicts": dict(sorted(verdicts.items(), key=lambda item: (-item[1], item[0]))),
+        "confusion": confusion([(bool(row["verified"]), bool(row["truth"])) for row in _judged(rows)]),
+        "round_rows": _rounds(rows),
+        **_origin(rows),
+        "run_dir": str(rows.folder),
     }
 
 
-def _rates(rounds: Rows, passes: Rows) -> dict[str, Any]:
-    attempts = sum(row["counts"] for row in passes)
-    successes = sum(row["outcome"] == "success" for row in passes)
-    known = bool(rounds) and all(row["objects"] is not None for row in rounds)
-    objects = sum(row["objects"] for row in rounds) if known else None
-    cleared = None if objects is None else min(successes, objects)
+def _rates(rows: LogRows) -> dict[str, Any]:
+    gsr, dr = rows.gsr_counts(), rows.dr_counts()
+    k, n = gsr.k, gsr.n
+    likely = (k + 2) / (n + 4)  # Agresti and Coull's centre: few trials without a failure do not promise a rate of 1
+    needed = max(for_half_width(likely, PRECISION) - n, 0) if n else None
     return {
-        "gsr": fraction(successes, attempts),
-        "gsr_ci": list(wilson(successes, attempts)),
-        "dr": None if objects is None or cleared is None else fraction(cleared, objects),
-        "dr_ci": None if objects is None or cleared is None else list(wilson(cleared, objects)),
-        "successes": successes,
-        "attempts": attempts,
-        "passes": len(passes),
-        "objects": objects,
-        "rounds": len(rounds),
+        "gsr": fraction(k, n),
+        "gsr_ci": list(wilson(k, n)),
+        "gsr_bootstrap_ci": _listed(cluster_bootstrap(gsr.successes, gsr.trials)),
+        "design_effect": round(design_effect(gsr.successes, gsr.trials), 3),
+        "attempts_still_needed_for_5_percent": needed,
+        "dr": None if dr is None else fraction(dr.k, dr.n),
+        "dr_ci": None if dr is None else list(wilson(dr.k, dr.n)),
+        "dr_bootstrap_ci": None if dr is None else _listed(cluster_bootstrap(dr.successes, dr.trials)),
+        "successes": k,
+        "removed": None if dr is None else dr.k,
+        "attempts": n,
+        "passes": len(rows.passes),
+        "objects": None if dr is None else dr.n,
+        "rounds": len(rows.rounds),
+        "rounds_begun_again": rows.superseded,
     }
 
 
-def _times(passes: Rows, stages: Rows) -> dict[str, Any]:
-    motion_s = sum(row["motion_s"] for row in passes)
-    compute_s = sum(row["compute_ms"] for row in passes) / 1e3
-    successes = sum(row["outcome"] == "success" for row in passes)
-    names = list(dict.fromkeys(row["stage"] for row in stages))
+def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    return None if interval is None else list(interval)
+
+
+def _times(rows: LogRows) -> dict[str, Any]:
+    motion_s = sum(row["motion_s"] for row in rows.passes)
+    compute_s = sum(row["compute_ms"] for row in rows.passes) / 1e3
+    ready = {row["attempt_id"]: 0.0 for row in rows.passes if row["chosen"] is not None}
+    walls: dict[str, list[float]] = defaultdict(list)
+    computing = {stage.value for stage in COMPUTE_STAGES}
+    for attempt_id, stage, wall_ms in rows.stages:
+        walls[stage].append(wall_ms)
+        if stage in computing and attempt_id in ready:
+            ready[attempt_id] += wall_ms
     return {
-        "picks_per_hour": round(picks_per_hour(successes, motion_s, compute_s), 2),
+        "picks_per_hour": round(picks_per_hour(rows.gsr_counts().k, motion_s, compute_s), 2),
         "motion_s": round(motion_s, 3),
         "compute_s": round(compute_s, 3),
-        "stage_ms": {name: median_p95(r["wall_ms"] for r in stages if r["stage"] == name) for name in names},
-        "compute_ms": median_p95(_ready(passes, stages)),
+        "stage_ms": {name: median_p95(values) for name, values in walls.items()},
+        "compute_ms": median_p95(ready.values()),
     }
 
 
-def _ready(passes: Rows, stages: Rows) -> list[float]:
-    """Wall time [ms] from depth image to ready trajectory, of each pass that got one."""
-    ready = {row["attempt_id"]: 0.0 for row in passes if row["chosen"] is not None}
-    for row in stages:
-        if row["attempt_id"] in ready and row["stage"] in [stage.value for stage in COMPUTE_STAGES]:
-            ready[row["attempt_id"]] += row["wall_ms"]
-    return list(ready.values())
-
-
-def _judged(passes: Rows) -> list[sqlite3.Row]:
-    """Attempts on which both verify and the referee have an opinion."""
-    return [row for row in passes if row["counts"] and row["verified"] is not None and row["truth"] is not None]
-
-
-def _round(row: sqlite3.Row, passes: Rows) -> dict[str, Any]:
-    mine = [p for p in passes if (p["seed"], p["round_index"]) == (row["seed"], row["round_index"])]
+def _operator(rows: LogRows) -> dict[str, Any] | None:
+    """The operator's labels beside the automatic ones; None when nobody labelled."""
+    executed = [row for row in rows.passes if row["counts"] and row["attempt_id"] in rows.labels]
+    if not executed:
+        return None
+    said = [(row, rows.labels[row["attempt_id"]].success) for row in executed]
+    pairs = [(automatic_success(row), success) for row, success in said if success is not None]
+    automatic = [automatic_success(row) for row in rows.passes if row["counts"]]
+    k, n = sum(automatic), len(automatic)
     return {
-        "seed": row["seed"],
-        "round": row["round_index"],
-        "objects": row["objects"],
-        "attempts": sum(p["counts"] for p in mine),
-        "successes": sum(p["outcome"] == "success" for p in mine),
-        "stop_reason": row["stop_reason"] or "interrupted",
-        "detail": row["detail"] or "",
+        "labelled": len(executed),
+        "cannot_tell": len(executed) - len(pairs),
+        **agreement(pairs),
+        "disagreeing_attempts": [r["attempt_id"] for r, s in said if s is not None and s != automatic_success(r)],
+        "gsr_automatic": fraction(k, n),
+        "gsr_automatic_counts": [k, n],
+        "gsr_automatic_ci": list(wilson(k, n)),
     }
 
 
-def _origin(run: sqlite3.Row) -> dict[str, Any]:
-    facts, seeds = json.loads(run["provenance"]), json.loads(run["seeds"])
+def _judged(rows: LogRows) -> list[sqlite3.Row]:
+    """Attempts on which both verify and the referee have an opinion."""
+    return [r for r in rows.passes if r["counts"] and r["verified"] is not None and r["truth"] is not None]
+
+
+def _rounds(rows: LogRows) -> list[dict[str, Any]]:
+    passes = rows.by_round()
+    return [
+        {
+            "seed": row["seed"],
+            "round": row["round_index"],
+            "objects": row["objects"],
+            "attempts": sum(p["counts"] for p in passes[key(row)]),
+            "successes": sum(rows.success(p) for p in passes[key(row)] if p["counts"]),
+            "stop_reason": row["stop_reason"] or "interrupted",
+            "detail": row["detail"] or "",
+        }
+        for row in rows.rounds
+    ]
+
+
+def _origin(rows: LogRows) -> dict[str, Any]:
+    first, last = rows.runs[0], rows.runs[-1]
+    facts, seeds = json.loads(first["provenance"]), json.loads(first["seeds"])
     return {
         "seed": seeds[0] if len(seeds) == 1 else seeds,
-        "model": run["model"],
-        "weights_sha256": run["weights_sha256"],
+        "model": first["model"],
+        "weights_sha256": first["weights_sha256"],
         "git_commit": facts.get("git_commit", "unknown"),
-        "config_sha256": run["config_sha256"],
-        "status": run["status"] or "interrupted",
-        "status_detail": run["detail"] or "",
-        "run_id": run["run_id"],
-        "started_at": run["started_at"],
+        "config_sha256": first["config_sha256"],
+        "protocol": first["protocol"],
+        "sessions": len(rows.runs),
+        "status": last["status"] or "interrupted",
+        "status_detail": last["detail"] or "",
+        "run_id": first["run_id"],
+        "started_at": first["started_at"],
         "schema_version": schema.SCHEMA_VERSION,
     }

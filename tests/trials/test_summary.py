@@ -140,3 +140,40 @@ def test_a_log_of_a_newer_program_is_refused(tmp_path):
     db.close()
     with pytest.raises(BadInput, match="schema version"):
         summary(tmp_path / "run")
+
+
+def test_the_comparison_of_two_runs_names_difference_tests_and_trials_needed(tmp_path, capsys):
+    record(tmp_path / "a", script="S" * 40, objects=4, rounds=6)
+    record(tmp_path / "b", script="SFSF" * 10 + "FF" * 40, objects=4, rounds=6)
+    parser = argparse.ArgumentParser()
+    verb.add_parser(parser.add_subparsers())
+    words = ["trials", "compare", str(tmp_path / "a"), str(tmp_path / "b"), "--json", str(tmp_path / "c.json")]
+    args = parser.parse_args(words)
+    assert args.run(args) == 0
+    facts, out = json.loads((tmp_path / "c.json").read_text()), capsys.readouterr().out
+    gsr = facts["gsr"]
+    assert gsr["a"][:2] == [24, 24] and gsr["same_rounds"] and gsr["difference"] > 0.4
+    assert gsr["fisher_p"] < 0.01 and gsr["trials_needed_each"] >= 2
+    assert gsr["sequential_attempts"]["steps"] == min(gsr["a"][1], gsr["b"][1])
+    assert "permutation, paired by round" in out and "Newcombe" in out and "DR" in out
+    assert verb_compare_lines(tmp_path / "a", tmp_path / "a")[-1].strip() == "nothing tells them apart"
+
+
+def verb_compare_lines(a, b):
+    from evg_app.trials.rows import read_rows
+    from evg_app.trials.verdict import compare, lines
+
+    return lines(compare(read_rows(a), read_rows(b)))
+
+
+def test_the_tree_and_the_bootstrap_are_in_the_summary(tmp_path):
+    record(tmp_path / "run", script="SFSMFFSSFF" * 4, objects=5, rounds=4)
+    facts = summary(tmp_path / "run")
+    low, high = facts["gsr_bootstrap_ci"]
+    assert low <= facts["gsr"] <= high
+    assert (
+        facts["reason_tree"]["slip"]["leaves"]["nothing held after lift"]
+        == facts["failure_reasons"]["nothing held after lift"]
+    )
+    assert facts["attempts_still_needed_for_5_percent"] > 0 and facts["operator"] is None
+    assert "cluster bootstrap" in report(facts)
