@@ -46,7 +46,7 @@ class TableFit:
 def fit_table(frame: Frame, T_cam_task: Array) -> TableFit:
     """Compare depth with the plane z = `TABLE_HEIGHT` of the task frame. T_cam_task: (4, 4)."""
     measured = frame.depth[::STRIDE, ::STRIDE].astype(np.float64) * frame.depth_scale
-    expected = _expected(frame, T_cam_task)
+    expected = expected_depth(frame, T_cam_task)
     looks = (measured > 0) & np.isfinite(expected)
     ratio = expected[looks] / measured[looks]
     near = ratio[np.abs(ratio - 1.0) < MAX_BIAS]
@@ -69,7 +69,7 @@ def rescale(frame: Frame, scale: float) -> Frame:
     return replace(frame, depth_scale=frame.depth_scale * scale)
 
 
-def _expected(frame: Frame, T_cam_task: Array) -> Array:
+def expected_depth(frame: Frame, T_cam_task: Array) -> Array:
     """Depth [m] of the table at every STRIDE-th pixel, NaN where the ray misses the table's place."""
     K, T_task_cam = frame.intrinsics, invert(T_cam_task)
     u = (np.arange(0, K.width, STRIDE) - K.cx) / K.fx
