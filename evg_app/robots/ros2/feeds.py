@@ -1,6 +1,7 @@
 """What the robot publishes, kept as the latest message with an honest age."""
 
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -35,24 +36,20 @@ class ClockOffset:
         return stamp + min(self._now, self._before)
 
 
-def seconds(stamp: Any) -> float:
-    """A builtin_interfaces/Time or Duration [s]."""
-    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
-
-
 class Feed:
-    """The latest message of one topic.
+    """The latest message of one topic, kept as bytes: robots publish at 1 kHz, but only what is read is decoded.
 
     Args:
-        wanted: which messages count; a merged /joint_states carries other joints, too.
+        marks: strings that a message must contain to count; a merged /joint_states carries other joints, too.
     """
 
-    def __init__(
-        self, clock: Clock, topic: str, timeout: float, advice: str, wanted: Callable[[Any], bool] = lambda _: True
-    ) -> None:
-        self._clock, self.topic, self._timeout, self._advice, self._wanted = clock, topic, timeout, advice, wanted
+    def __init__(self, clock: Clock, topic: str, timeout: float, advice: str, marks: Sequence[str] = ()) -> None:
+        self._clock, self.topic, self._timeout, self._advice = clock, topic, timeout, advice
+        self._marks = tuple(mark.encode() + b"\0" for mark in marks)
         self._offset = ClockOffset()
-        self._latest: tuple[Any, float] | None = None
+        self._latest: tuple[bytes, float] | None = None
+        self._decoded: tuple[bytes, Any] | None = None
+        self._kind: Any = None
         self._subscription: Any = None
 
     def subscribe(self, link: Link, kind: Any) -> None:
@@ -61,8 +58,10 @@ class Feed:
 
         quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self.forget()
+        self._kind = kind
         self._subscription = link.call(
-            lambda: link.node.create_subscription(kind, self.topic, self._hear, quality), f"listening to {self.topic}"
+            lambda: link.node.create_subscription(kind, self.topic, self._hear, quality, raw=True),
+            f"listening to {self.topic}",
         )
 
     def unsubscribe(self, link: Link) -> None:
@@ -73,12 +72,11 @@ class Feed:
 
     def forget(self) -> None:
         """Start anew: what was heard so far does not count."""
-        self._latest, self._offset = None, ClockOffset()
+        self._latest, self._decoded, self._offset = None, None, ClockOffset()
 
-    def _hear(self, message: Any) -> None:
-        if self._wanted(message):
-            arrived = self._clock.now()
-            self._latest = message, self._offset.local(seconds(message.header.stamp), arrived)
+    def _hear(self, message: bytes) -> None:
+        if all(mark in message for mark in self._marks):
+            self._latest = message, self._offset.local(header_stamp(message), self._clock.now())
 
     @property
     def age(self) -> float:
@@ -99,9 +97,23 @@ class Feed:
         """
         latest = self._latest
         if latest is None or not self.fresh:
-            told = "never heard" if latest is None else f"last heard {self.age:.2f} s ago"
+            told = "never heard" if latest is None else f"last one {self.age:.2f} s old"
             raise DeviceTimeout(f"{self.topic} ({told})", self._timeout, self._advice)
-        return latest
+        return self._decode(latest[0]), latest[1]
+
+    def _decode(self, message: bytes) -> Any:
+        decoded = self._decoded
+        if decoded is None or decoded[0] is not message:
+            from rclpy.serialization import deserialize_message
+
+            self._decoded = decoded = message, deserialize_message(message, self._kind)
+        return decoded[1]
+
+
+def header_stamp(message: bytes) -> float:
+    """The stamp [s] of a serialized message that starts with a std_msgs/Header (CDR: 4 bytes, then int32, uint32)."""
+    sec, nanosec = struct.unpack_from("<iI" if message[1] & 1 else ">iI", message, 4)
+    return float(sec) + 1e-9 * float(nanosec)
 
 
 class Joints:
@@ -109,10 +121,6 @@ class Joints:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._names = tuple(names)
-
-    def carried_by(self, message: Any) -> bool:
-        """Whether the message has all of them."""
-        return set(self._names) <= set(message.name) and len(message.position) == len(message.name)
 
     def read(self, message: Any) -> tuple[Array, Array]:
         """Positions and velocities in our order; velocity 0 where the message has none. Shapes (J,), (J,)."""

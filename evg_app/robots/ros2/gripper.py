@@ -38,7 +38,9 @@ class Ros2Gripper:
         joints = Joints(self._names.finger_joints)
         advice = f"Run: {config.start_gripper}   and look with: ros2 topic hz {self._names.joint_states}"
         self._joints = joints
-        self._feed = Feed(link.clock, self._names.joint_states, self._names.state_timeout_s, advice, joints.carried_by)
+        self._feed = Feed(
+            link.clock, self._names.joint_states, self._names.state_timeout_s, advice, self._names.finger_joints
+        )
         self._clients: dict[str, Any] = {}
         self._goal: Goal | None = None
         self._held_at: float | None = None

@@ -33,7 +33,7 @@ class StateReader:
         self._config, self._joints = config, Joints(names)
         advice = f"Run: {config.start_arm}   and look with: ros2 topic hz "
         limit = config.state_timeout_s
-        self.joints = Feed(clock, config.joint_states, limit, advice + config.joint_states, self._joints.carried_by)
+        self.joints = Feed(clock, config.joint_states, limit, advice + config.joint_states, names)
         self.robot = Feed(clock, config.robot_state, limit, advice + config.robot_state)
         self.wrench = Feed(clock, config.wrench, limit, advice + config.wrench)
 
