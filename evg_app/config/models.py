@@ -1,10 +1,11 @@
 """Models of the YAML files in `robot_configs/` and `sim/worlds/`: units in the key names, unknown keys rejected."""
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from evg_app.config.arm import AttachedBody, JointLimits
 from evg_app.config.base import Model as Model
 from evg_app.config.base import Positive, Vector3
 from evg_app.config.camera import CameraConfig as CameraConfig
@@ -44,19 +45,6 @@ class BoxModel(Model):
         return Box(self.name, self.size_m, self.center_m)
 
 
-class JointLimits(Model):
-    """Limits of the J joints, before the margin `scale` is applied."""
-
-    velocity_rad_s: tuple[Positive, ...]
-    acceleration_rad_s2: tuple[Positive, ...]
-    jerk_rad_s3: tuple[Positive, ...]
-    velocity_scale: Annotated[float, Field(gt=0, le=1)] = 0.5
-    acceleration_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
-    jerk_scale: Annotated[float, Field(gt=0, le=1)] = 0.3
-    carry_scale: Annotated[float, Field(gt=0, le=1)] = 0.6
-    position_margin_rad: Annotated[float, Field(ge=0, lt=0.5)] = 0.03
-
-
 class GripperModel(Model):
     """The parallel gripper. Grasps use width 0 and a wide outer epsilon: success is judged by evg-app."""
 
@@ -91,7 +79,15 @@ class DropModel(Model):
 
 
 class RobotConfig(Model):
-    """One arm with its gripper and its place in the lab (`robot_configs/<name>.yaml`)."""
+    """One arm with its gripper and its place in the lab (`robot_configs/<name>.yaml`).
+
+    Attributes:
+        joints, hand_link: what everything outside the URDF calls them.
+        urdf_joints, urdf_hand_link: what the URDF calls them, where that differs.
+        obstacles: declared boxes: walls, a camera stand.
+        attached: declared bodies on the arm.
+        unknown_space: "optimistic": what no camera saw is free; "conservative": inside the workspace cube it is not.
+    """
 
     device: Literal["robot"]
     name: str
@@ -101,6 +97,8 @@ class RobotConfig(Model):
     srdf: str
     joints: tuple[str, ...]
     hand_link: str
+    urdf_joints: tuple[str, ...] = ()
+    urdf_hand_link: str = ""
     T_base_task: Pose
     home_q_rad: tuple[float, ...]
     look_q_rad: tuple[float, ...]
@@ -108,6 +106,8 @@ class RobotConfig(Model):
     gripper: GripperModel
     drop: DropModel
     obstacles: tuple[BoxModel, ...] = ()
+    attached: tuple[AttachedBody, ...] = ()
+    unknown_space: Literal["optimistic", "conservative"] = "optimistic"
     pregrasp_m: Positive = 0.08
     lift_m: Positive = 0.15
     contact_force_n: Positive = 25.0
@@ -115,17 +115,27 @@ class RobotConfig(Model):
     fci: FciModel = FciModel()
     ros2: Ros2Model | None = None
 
+    @property
+    def model_joints(self) -> tuple[str, ...]:
+        """The joints' names in the URDF."""
+        return self.urdf_joints or self.joints
+
+    @property
+    def model_hand_link(self) -> str:
+        """The hand's name in the URDF."""
+        return self.urdf_hand_link or self.hand_link
+
     @model_validator(mode="after")
     def _lengths(self) -> Self:
         n = len(self.joints)
-        vectors = {
+        vectors: dict[str, tuple[object, ...]] = {
             "home_q_rad": self.home_q_rad,
             "look_q_rad": self.look_q_rad,
             "drop.q_rad": self.drop.q_rad,
-            "limits.velocity_rad_s": self.limits.velocity_rad_s,
-            "limits.acceleration_rad_s2": self.limits.acceleration_rad_s2,
-            "limits.jerk_rad_s3": self.limits.jerk_rad_s3,
+            **self.limits.vectors(),
         }
+        if self.urdf_joints:
+            vectors["urdf_joints"] = self.urdf_joints
         for key, vector in vectors.items():
             if len(vector) != n:
                 raise ValueError(f"{key} has {len(vector)} entries for {n} joints")

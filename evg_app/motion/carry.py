@@ -1,6 +1,6 @@
 """Carrying: what the held object may not touch on lift and transport, how level the hand stays, where it drops."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -8,6 +8,8 @@ from evg_app.config.models import RobotConfig
 from evg_app.geometry import Array, rotation_about
 from evg_app.motion.held import RIM_CLEARANCE, Held
 from evg_app.motion.kinematics import Flags, Kinematics
+from evg_app.motion.links import LinkCapsules
+from evg_app.motion.spheres import CORNERS
 
 CONTACT_LIFT = 0.03
 """Over this much of the lift the object may touch what stood beside it [m]."""
@@ -15,6 +17,8 @@ LEAVING = (0.001, 0.001, 0.008)
 """Spheres that begin in contact may come this much closer to table, boxes, seen things [m]: the last are coarse."""
 SEEN_SLACK = 0.005
 """How deep a sphere may enter seen things [m]: spheres stick out of the object by more."""
+ARM_CLEARANCE = 0.01
+"""Clearance of the held object from the arm's own links [m]."""
 TILT = np.deg2rad(15.0)
 """How much further than the tilt between both ends the hand may tilt on the way [rad]."""
 DIP = 0.03
@@ -36,6 +40,8 @@ class Carry:
         axis: approach axis at the start. Shape (3,).
         cosine: of the largest angle between approach axis and `axis`.
         floor: least height of the hand's origin in the base frame [m].
+        links: the arm's own links, or None when they are not checked.
+        arm_allowed: least distances of the spheres' centres from them [m], like `allowed`. Shape (S,).
     """
 
     held: Held
@@ -45,6 +51,38 @@ class Carry:
     axis: Array
     cosine: float
     floor: float
+    links: LinkCapsules | None = None
+    arm_allowed: Array | None = None
+
+    def beside(self, links: LinkCapsules, frames: Array, T_base_hand: Array) -> "Carry":
+        """The same with the arm's own links checked too; where the carry begins, frames (8, 4, 4) and hand (4, 4)."""
+        gap = links.gap(frames[None], self.held.placed(T_base_hand[None]))[0]
+        allowed = np.minimum(self.held.radius + ARM_CLEARANCE, gap - LEAVING[0])
+        return replace(self, links=links, arm_allowed=allowed)
+
+    def hits_arm(self, frames: Array, T_base_hand: Array) -> Flags:
+        """Where the object touches the arm, for frames (N, 8, 4, 4) and hands (N, 4, 4). Shape (N,)."""
+        hits = np.zeros(len(frames), dtype=np.bool_)
+        if self.links is None or self.arm_allowed is None or len(self.held.radius) == 0:
+            return hits
+        middle = self.held.center.mean(axis=0)
+        reach = float((np.linalg.norm(self.held.center - middle, axis=1) + self.arm_allowed).max())
+        around = (T_base_hand[:, :3, :3] @ middle + T_base_hand[:, :3, 3])[:, None]
+        near = np.flatnonzero(self.links.gap(frames, around)[:, 0] < reach)
+        if len(near):
+            gap = self.links.gap(frames[near], self.held.placed(T_base_hand[near]))
+            hits[near] = (gap < self.arm_allowed).any(axis=1)
+        return hits
+
+    def moved(self, T_base_hand: Array) -> Array:
+        """How far any point of the object moves at most between neighbours of hands (N, 4, 4). Shape (N - 1,) [m]."""
+        if len(self.held.radius) == 0:
+            return np.zeros(len(T_base_hand) - 1)
+        low = (self.held.center - self.held.radius[:, None]).min(axis=0)
+        high = (self.held.center + self.held.radius[:, None]).max(axis=0)
+        corners = (low + high) / 2 + CORNERS * (high - low) / 2
+        p = corners @ T_base_hand[:, :3, :3].transpose(0, 2, 1) + T_base_hand[:, None, :3, 3]
+        return np.asarray(np.linalg.norm(np.diff(p, axis=0), axis=2).max(axis=1, initial=0.0))
 
     @staticmethod
     def lift(held: Held, T_start: Array) -> "Carry":

@@ -12,6 +12,7 @@ from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import collision_urdf, resolve
 from evg_app.geometry import Array
 from evg_app.motion.kinematics import Flags, Kinematics, load_arm, primitives
+from evg_app.motion.links import LinkCapsules
 from evg_app.motion.scene import Scene
 from evg_app.motion.spheres import SphereBody
 
@@ -43,10 +44,13 @@ class SelfCollision:
         names = [_link(item.name) for item in whole.geometryObjects]
         allowed = {frozenset((names[p.first], names[p.second])) for p in whole.collisionPairs}
         self._geometry = pin.GeometryModel()
-        bodies = [self._geometry.addGeometryObject(_capsule(*body)) for body in primitives(robot)]
-        links = [_link(self._geometry.geometryObjects[body].name) for body in bodies]
+        capsules = primitives(robot)
+        bodies = [self._geometry.addGeometryObject(_capsule(*body)) for body in capsules]
+        declared = {body.name for body in robot.attached}
         for i, j in combinations(bodies, 2):
-            if frozenset((links[i], links[j])) in allowed and links[i] != links[j]:
+            pair = frozenset((capsules[i][0], capsules[j][0]))
+            moves_apart = capsules[i][1] != capsules[j][1]
+            if len(pair) == 2 and (pair in allowed or (pair & declared and moves_apart)):
                 self._geometry.addCollisionPair(pin.CollisionPair(i, j))
         self._data, self._geometry_data = self._model.createData(), self._geometry.createData()
 
@@ -58,6 +62,15 @@ class SelfCollision:
     def collides(self, q: Array) -> bool:
         """Whether the arm touches itself at q (7,)."""
         return bool(pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, q, True))
+
+    def what_collides(self, q: Array) -> str:
+        """The first pair of links in contact at q (7,), in words; empty when there is none."""
+        pin.computeCollisions(self._model, self._data, self._geometry, self._geometry_data, q, False)
+        for pair, result in zip(self._geometry.collisionPairs, self._geometry_data.collisionResults, strict=True):
+            if result.isCollision():
+                names = (self._geometry.geometryObjects[k].name for k in (pair.first, pair.second))
+                return " and ".join(_link(name) for name in names)
+        return ""
 
     def any_collides(self, q: Array) -> bool:
         """Whether any of the configurations (N, 7) collides."""
@@ -101,6 +114,7 @@ class ArmChecker:
 
     def __init__(self, kinematics: Kinematics, body: SphereBody, self_collision: SelfCollision) -> None:
         self.kinematics, self.body, self.self_collision = kinematics, body, self_collision
+        self.links = LinkCapsules.of(kinematics.primitives)
         self._links = _links(body)
         self._around = np.stack([link.center for link in self._links])
         self._around_frame = np.array([link.frame for link in self._links])
@@ -112,7 +126,7 @@ class ArmChecker:
         return self.body.place(self.kinematics.frames(q))
 
     def hits_scene(self, q: Array, scene: Scene, gripper: bool = True, radius: Array | None = None) -> Flags:
-        """Which configurations (N, 7) touch table, declared boxes or observed voxels. Shape (N,).
+        """Which configurations (N, 7) touch table, declared boxes or the scene's voxels. Shape (N,).
 
         Args:
             q: shape (N, 7).
@@ -120,9 +134,12 @@ class ArmChecker:
             gripper: whether hand and fingers are checked too; on the last leg they are checked more finely.
             radius: replaces the spheres' own radii [m]. Shape (S,).
         """
-        frames = self.kinematics.frames(q)
+        return self.hits_at(self.kinematics.frames(q), scene, gripper, radius)
+
+    def hits_at(self, frames: Array, scene: Scene, gripper: bool = True, radius: Array | None = None) -> Flags:
+        """`hits_scene` for frames (N, 8, 4, 4) of configurations. Shape (N,)."""
         radius = self.body.radius if radius is None else radius
-        hits = np.zeros(len(q), dtype=np.bool_)
+        hits = np.zeros(len(frames), dtype=np.bool_)
         placed = frames[:, self._around_frame]
         middle = (placed[..., :3, :3] @ self._around[:, :, None])[..., 0] + placed[..., :3, 3]
         around = _clearance(middle, scene, self._around_on_table)
@@ -150,6 +167,7 @@ class ArmChecker:
             "a declared box": float(scene.boxes.distance(point)) - BOX_MARGIN,
             "the table": float(scene.table.height(point)) - TABLE_MARGIN,
             "the observed scene": float(scene.field.at(point)) - FIELD_MARGIN if scene.field is not None else np.inf,
+            "unseen space": float(scene.solid.at(point)) - FIELD_MARGIN if scene.solid is not None else np.inf,
         }
         return f"{min(distances, key=lambda name: distances[name])} with {self.body.names[worst]}"
 
@@ -157,8 +175,8 @@ class ArmChecker:
 def _clearance(p: Array, scene: Scene, on_table: Flags | np.bool_) -> Array:
     """Distance [m] of points (..., S, 3) to the scene, margins taken off; `on_table` (S,) ones may touch the table."""
     clearance = scene.boxes.distance(p) - BOX_MARGIN
-    if scene.field is not None:
-        np.minimum(clearance, scene.field.at(p) - FIELD_MARGIN, out=clearance)
+    if scene.solid is not None:
+        np.minimum(clearance, scene.solid.at(p) - FIELD_MARGIN, out=clearance)
     table = np.where(on_table, np.inf, scene.table.height(p) - TABLE_MARGIN)
     return np.minimum(clearance, table)
 

@@ -37,7 +37,9 @@ class MotionPlanner:
         self.robot = robot
         self.kinematics = Kinematics(robot)
         meshes = self.kinematics.meshes
-        body = arm_spheres(meshes, gripper_links(meshes, robot))
+        declared = {item.name for item in robot.attached}
+        bodies = [body for body in self.kinematics.primitives if body[0] in declared]
+        body = arm_spheres(meshes, gripper_links(meshes, robot), bodies)
         self.checker = ArmChecker(self.kinematics, body, SelfCollision(robot))
         self._gripper = gripper_boxes(meshes, robot, self.kinematics.geometry.T_7_hand)
         self.home_q, self.look_q = np.array(robot.home_q_rad), np.array(robot.look_q_rad)
@@ -120,7 +122,7 @@ class MotionPlanner:
         if not self.kinematics.inside_limits(q):
             return "is outside the joint limits or within position_margin_rad of them"
         if self.checker.self_collision.collides(q):
-            return "makes the arm collide with itself"
+            return f"makes the arm collide with itself: {self.checker.self_collision.what_collides(q)}"
         if self.checker.hits_scene(q[None], scene)[0]:
             return f"touches {self.checker.what_is_hit(q, scene)}"
         return ""

@@ -70,7 +70,7 @@ class Finisher:
         router = self._router
         T_base_hand = hand_of_grasp(self._robot, leg.T_base_grasp)
         held = held.attached(T_base_hand)
-        if router.carry_hits(leg.lift, Carry.lift(held, T_base_hand)):
+        if router.carry_hits(leg.lift, self._beside_arm(Carry.lift(held, T_base_hand), leg.lift_q[0])):
             return None
         transport = self._transport(leg.lift.end, held, scene, search)
         if transport is None:
@@ -88,11 +88,17 @@ class Finisher:
         tip = self._tip + self._robot.gripper.hand_to_grasp_z_m
         T_lifted = kinematics.fk_hand(lifted_q)
         for goal in drop_goals(self._robot, kinematics, held, lifted_q, tip):
-            carry = Carry.transport(held, T_lifted, kinematics.fk_hand(goal))
+            carry = self._beside_arm(Carry.transport(held, T_lifted, kinematics.fk_hand(goal)), lifted_q)
             path = self._router.connect(lifted_q, goal, scene, search, carry)
             if path is not None:
                 return path
         return None
+
+    def _beside_arm(self, carry: Carry, q: Array) -> Carry:
+        """With the arm's own links, where the carry begins at q (7,)."""
+        checker = self._router.checker
+        frames = checker.kinematics.frames(q[None])[0]
+        return carry.beside(checker.links, frames, frames[7] @ checker.kinematics.geometry.T_7_hand)
 
     def _timed(
         self, leg: Leg, transport: JointPath, reach: JointPath, retreat: JointPath, back: JointPath

@@ -71,7 +71,7 @@ def gripper_boxes(meshes: Any, robot: RobotConfig, T_7_hand: Array) -> GripperBo
     low, high, side = [], [], []
     for name, points in _gripper_points(meshes, robot).items():
         p = surface_samples(points, 0.004) @ T_grasp_7[:3, :3].T + T_grasp_7[:3, 3]
-        which = 0.0 if name == robot.hand_link else float(np.sign(p[:, 1].mean()))
+        which = 0.0 if name == robot.model_hand_link else float(np.sign(p[:, 1].mean()))
         p[:, 1] -= which * robot.gripper.max_width_m / 2
         edges = np.linspace(p[:, 2].min(), p[:, 2].max(), SLABS + 1)
         for a, b in pairwise(edges.tolist()):
@@ -85,7 +85,7 @@ def gripper_boxes(meshes: Any, robot: RobotConfig, T_7_hand: Array) -> GripperBo
 def gripper_links(meshes: Any, robot: RobotConfig) -> tuple[str, ...]:
     """Names of the hand and of every link that comes after it in the collision model."""
     names = [str(item.name).rsplit("_", 1)[0] for item in meshes.geometryObjects]
-    return tuple(dict.fromkeys(names[names.index(robot.hand_link) :]))
+    return tuple(dict.fromkeys(names[names.index(robot.model_hand_link) :]))
 
 
 def _gripper_points(meshes: Any, robot: RobotConfig) -> dict[str, Array]:
@@ -99,11 +99,18 @@ def _gripper_points(meshes: Any, robot: RobotConfig) -> dict[str, Array]:
 
 
 def approach_hits(boxes: GripperBoxes, scene: Scene, T_base_grasp: Array, opening: float, sweep: float) -> bool:
-    """Whether the open gripper touches the scene anywhere on its last `sweep` [m] to the grasp (4, 4)."""
+    """Whether the open gripper touches the scene anywhere on its last `sweep` [m] to the grasp (4, 4).
+
+    Space that nothing saw is solid for the hand where the policy says so, never for the fingers: one of them has to go
+    behind the target.
+    """
     if _hits_table(boxes, scene, T_base_grasp, opening):
         return True
     low, high = boxes.inflated(opening)
     low[:, 2] -= sweep
+    hand = boxes.side == 0
+    if len(scene.unseen) and _hits_points(low[hand], high[hand], scene.unseen, T_base_grasp):
+        return True
     return _hits_points(low, high, scene.points, T_base_grasp) or _hits_declared(boxes, scene, T_base_grasp, opening)
 
 

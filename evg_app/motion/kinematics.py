@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import collision_urdf, package_folder, resolve
 from evg_app.errors import BadInput
-from evg_app.geometry import Array, invert
+from evg_app.geometry import Array, invert, transform_points
 from evg_app.motion.franka_ik import BRANCHES, FrankaGeometry, solve
 from evg_app.types import Capsule
 
@@ -55,18 +55,31 @@ def load_arm(robot: RobotConfig, urdf: Path) -> tuple[Any, Any]:
         geometry = pin.buildGeomFromUrdf(full, str(urdf), pin.GeometryType.COLLISION, package_dirs=folders)
     except (ValueError, RuntimeError) as error:
         raise BadInput(f"{urdf} cannot be read as a URDF: {error}") from error
-    arm = [name for name in full.names if name in robot.joints]
-    if arm != list(robot.joints):
-        raise BadInput(f"{urdf} has the joints {list(full.names)[1:]}, the config wants {list(robot.joints)} in order")
-    if not full.existFrame(robot.hand_link):
-        links = sorted(frame.name for frame in full.frames)
-        raise BadInput(f"{urdf} has no link '{robot.hand_link}' (hand_link); its frames: {', '.join(links)}")
-    locked = [full.getJointId(name) for name in list(full.names)[1:] if name not in robot.joints]
+    wanted = list(robot.model_joints)
+    arm = [name for name in full.names if name in wanted]
+    if arm != wanted:
+        raise BadInput(f"{urdf} has the joints {list(full.names)[1:]}, the config wants {wanted} in order")
+    _frame(full, urdf, robot.model_hand_link, "hand_link")
+    locked = [full.getJointId(name) for name in list(full.names)[1:] if name not in wanted]
     q = np.asarray(pin.neutral(full))
     for joint in locked:
         q[full.joints[joint].idx_q] = robot.gripper.max_width_m / 2
     model, geometry = pin.buildReducedModel(full, geometry, locked, q)
+    if robot.limits.position_rad:
+        model.lowerPositionLimit, model.upperPositionLimit = np.array(robot.limits.position_rad).T
     return model, geometry
+
+
+def _frame(model: Any, urdf: Path, link: str, key: str) -> Any:
+    """The frame of a link.
+
+    Raises:
+        BadInput: there is none; the message lists those that exist.
+    """
+    if not model.existFrame(link):
+        links = sorted(frame.name for frame in model.frames)
+        raise BadInput(f"{urdf} has no link '{link}' ({key}); its frames: {', '.join(links)}")
+    return model.frames[model.getFrameId(link)]
 
 
 class Kinematics:
@@ -88,7 +101,7 @@ class Kinematics:
         self.middle: Array = (self.lower + self.upper) / 2
         self.speed: Array = np.asarray(robot.limits.velocity_rad_s) * robot.limits.velocity_scale
         self._placements = self.geometry.placements()
-        self._primitives = primitives(robot)
+        self.primitives = primitives(robot)
 
     def frames(self, q: Array) -> Array:
         """Frames of the base and the seven joints in the base frame. Shapes (N, 7) -> (N, 8, 4, 4)."""
@@ -180,14 +193,14 @@ class Kinematics:
         T = self.frames(np.asarray(q, dtype=np.float64)[None])[0]
         return [
             Capsule(T[j, :3, :3] @ p0 + T[j, :3, 3], T[j, :3, :3] @ p1 + T[j, :3, 3], radius, name)
-            for name, j, p0, p1, radius in self._primitives
+            for name, j, p0, p1, radius in self.primitives
         ]
 
 
 def _franka_geometry(model: Any, robot: RobotConfig) -> FrankaGeometry:
     """Read the lengths off the URDF and check that nothing else differs from a Franka arm."""
     T = [np.asarray(model.jointPlacements[j + 1].homogeneous) for j in range(model.njoints - 1)]
-    hand = model.frames[model.getFrameId(robot.hand_link)]
+    hand = model.frames[model.getFrameId(robot.model_hand_link)]
     if len(T) == 7 and all(model.joints[j + 1].shortname() == "JointModelRZ" for j in range(7)):
         d1, d3, a4, d5, a7 = (float(x) for x in (T[0][2, 3], -T[2][1, 3], T[3][0, 3], T[4][1, 3], T[6][0, 3]))
         geometry = FrankaGeometry(d1, d3, a4, d5, a7, np.asarray(hand.placement.homogeneous))
@@ -203,8 +216,13 @@ Primitive = tuple[str, int, Array, Array, float]
 
 
 def primitives(robot: RobotConfig) -> list[Primitive]:
-    """Spheres and cylinders (as capsules) of the collision model; spheres that end a capsule are dropped."""
-    _, geometry = load_arm(robot, collision_urdf(resolve(robot.urdf)))
+    """Spheres and cylinders (as capsules) of the collision model without spheres that end a capsule; declared bodies.
+
+    Raises:
+        BadInput: a declared body is on a link that does not exist.
+    """
+    urdf = collision_urdf(resolve(robot.urdf))
+    model, geometry = load_arm(robot, urdf)
     capsules: list[Primitive] = []
     for item in sorted(geometry.geometryObjects, key=lambda g: not hasattr(g.geometry, "halfLength")):
         radius = getattr(item.geometry, "radius", None)
@@ -216,7 +234,22 @@ def primitives(robot: RobotConfig) -> list[Primitive]:
         new = (name, int(item.parentJoint), centre - half, centre + half, float(radius))
         if not any(_covers(old, new) for old in capsules):
             capsules.append(new)
-    return capsules
+    return capsules + attached(robot, model, urdf)
+
+
+def attached(robot: RobotConfig, model: Any, urdf: Path) -> list[Primitive]:
+    """The declared bodies on the arm.
+
+    Raises:
+        BadInput: one is on a link that does not exist.
+    """
+    bodies: list[Primitive] = []
+    for body in robot.attached:
+        frame = _frame(model, urdf, body.link, f"attached: {body.name}")
+        T = np.asarray(frame.placement.homogeneous)
+        ends = transform_points(T, np.array([body.from_m, body.to_m]))
+        bodies.append((body.name, int(frame.parentJoint), ends[0], ends[1], body.radius_m))
+    return bodies
 
 
 def _covers(old: Primitive, new: Primitive) -> bool:

@@ -1,5 +1,6 @@
 """Free joint-space motion: straight, over a raised via-point, or by RRT-Connect; always checked densely."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -15,12 +16,12 @@ from evg_app.motion.scene import Scene
 from evg_app.motion.timing import fastest
 from evg_app.motion.trajectory import limits
 
-CHECK_STEP = 0.01
-"""No point of the arm moves further than this between two checks [m]."""
-COARSE = 16
-"""Checks of the first, coarse pass."""
-LIFT_CHECKS = 33
-"""Poses of a lift at which the held object is checked: no more than 1 cm apart."""
+CHECK_STEP = 0.005
+"""No point of the arm or of what it holds moves further than this between two checks [m]."""
+COARSE, MOST_COARSE = 0.15, 15
+"""The first pass looks at configurations this far apart [rad], at no more than so many steps."""
+SLACK = 1.1
+"""How many more checks are made than a constant speed along the path would need."""
 RAISES = (0.08, 0.16, 0.26)
 """Heights of the via-points above start and goal [m]."""
 INTERVALS = (8, 16, 32)
@@ -63,25 +64,59 @@ class Router:
         return Check(scene, gripper, self.checker.body.radius)
 
     def is_free(self, path: JointPath, check: Check) -> bool:
-        """Whether the whole path is inside the joint limits and free of collision at `CHECK_STEP` spacing."""
-        q = path.even(COARSE)
-        if not self._free(q, check):
-            return False
-        moved = np.diff(self.checker.centers(q), axis=0)
-        finer = int(np.ceil(np.sqrt(np.einsum("nsi,nsi->ns", moved, moved).max()) / CHECK_STEP))
-        return finer <= 1 or self._free(path.even((COARSE - 1) * finer + 1), check)
+        """Whether the whole path is inside the joint limits and free of collision, densely checked."""
+        return self._dense(path, lambda q, frames: self._free(q, frames, check), check.carry)
 
     def carry_hits(self, path: JointPath, carry: Carry) -> bool:
         """Whether a held object touches something on a path along which the arm was found free."""
-        hands = self.checker.kinematics.fk_hand(path.even(LIFT_CHECKS))
-        return bool(carry.hits(hands).any())
+        return not self._dense(path, lambda _, frames: not self._carry_hits(frames, carry), carry)
 
-    def _free(self, q: Array, check: Check) -> bool:
+    def _dense(self, path: JointPath, is_free: Callable[[Array, Array], bool], carry: Carry | None) -> bool:
+        """Whether `is_free` holds along a path, at configurations between which nothing moves beyond `CHECK_STEP`.
+
+        Args:
+            path: what is checked.
+            is_free: judges configurations (N, 7) with their frames (N, 8, 4, 4).
+            carry: what the hand holds, if anything.
+        """
+        s = np.linspace(0.0, path.length, int(np.clip(np.ceil(path.length / COARSE), 2, MOST_COARSE)) + 1)
+        q = path.at(s)
+        frames = self.checker.kinematics.frames(q)
+        if not is_free(q, frames):
+            return False
+        while True:
+            moved = self.moved(frames, carry)
+            wide = np.flatnonzero(moved > CHECK_STEP)
+            if len(wide) == 0:
+                return True
+            parts = np.ceil(moved[wide] * SLACK / CHECK_STEP).astype(np.int64)
+            between = [np.linspace(s[k], s[k + 1], n + 1)[1:-1] for k, n in zip(wide, parts, strict=True)]
+            new = np.concatenate(between)
+            q = path.at(new)
+            new_frames = self.checker.kinematics.frames(q)
+            if not is_free(q, new_frames):
+                return False
+            s, frames = np.concatenate([s, new]), np.concatenate([frames, new_frames])
+            order = np.argsort(s, kind="stable")
+            s, frames = s[order], frames[order]
+
+    def moved(self, frames: Array, carry: Carry | None = None) -> Array:
+        """How far any point of arm and held object moves at most between neighbours of frames (N, ...). (N - 1,)."""
+        moved = self.checker.body.moved(frames)
+        if carry is None:
+            return moved
+        return np.maximum(moved, carry.moved(frames[:, 7] @ self.checker.kinematics.geometry.T_7_hand))
+
+    def _carry_hits(self, frames: Array, carry: Carry) -> bool:
+        hands = frames[:, 7] @ self.checker.kinematics.geometry.T_7_hand
+        return bool(carry.hits(hands).any() or carry.hits_arm(frames, hands).any())
+
+    def _free(self, q: Array, frames: Array, check: Check) -> bool:
         if not self.checker.kinematics.possible(q).all():
             return False
-        if check.carry is not None and check.carry.hits(self.checker.kinematics.fk_hand(q)).any():
+        if check.carry is not None and self._carry_hits(frames, check.carry):
             return False
-        if self.checker.hits_scene(q, check.scene, check.gripper, check.radius).any():
+        if self.checker.hits_at(frames, check.scene, check.gripper, check.radius).any():
             return False
         return not self.checker.self_collision.any_collides(q)
 

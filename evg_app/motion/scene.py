@@ -1,11 +1,13 @@
 """The scene as the planner sees it: surface points, a distance field, declared boxes and the table plane."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.config.models import RobotConfig
+from evg_app.errors import BadInput
 from evg_app.geometry import TABLE_HEIGHT, Array, invert, transform_points
 from evg_app.motion.field import DistanceField
 from evg_app.types import Box, Capsule, CollisionVolume, TsdfGrid
@@ -86,6 +88,8 @@ class Scene:
         table: the table plane.
         extra: declared boxes beside those of the robot config.
         known: which voxels of the cube were seen to be free, and where they are; None when nothing was seen.
+        unseen: centres of voxels that count as solid because nothing saw them (conservative policy). (U, 3) [m].
+        unseen_field: distance to the occupied and the unseen voxels, None where that is `field`.
     """
 
     points: Array
@@ -94,6 +98,13 @@ class Scene:
     table: Plane
     extra: tuple[Box, ...] = ()
     known: "FreeSpace | None" = None
+    unseen: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    unseen_field: DistanceField | None = None
+
+    @property
+    def solid(self) -> DistanceField | None:
+        """Distance to everything that the arm must not enter."""
+        return self.field if self.unseen_field is None else self.unseen_field
 
     def free(self, points: Array) -> Flags:
         """Whether points (..., 3) lie in space that was seen to be free. Shape (...)."""
@@ -149,25 +160,67 @@ def empty_scene(robot: RobotConfig) -> Scene:
 
 
 def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
-    """Build the points and the distance field; `arm` are the links where the arm is now."""
+    """Build the points and the distance fields; `arm` are the links where the arm is now.
+
+    Raises:
+        BadInput: a grid of the view has values that are not finite, or a shape that does not fit.
+    """
+    check_view(view)
     T_base_task, table = robot.T_base_task.matrix(), table_plane(robot)
     volume = view.volume
-    index = np.argwhere(volume.occupied)
-    centers = volume.origin + (index + 0.5) * volume.voxel_size
-    raised = table.height(centers) > TABLE_BAND + volume.voxel_size / 2
-    index, centers = index[raised], centers[raised]
-    real = ~_near(centers, arm)
-    index, centers = index[real], centers[real]
+    index, centers = _solid_voxels(volume, volume.occupied, table, arm)
     occupied = np.zeros_like(volume.occupied)
     occupied[tuple(index.T)] = True
-    in_task = (centers - T_base_task[:3, 3]) @ T_base_task[:3, :3]
-    outside = ((in_task < 0) | (in_task > view.tsdf.size)).any(axis=1)
+    outside = ~_in_cube(centers, T_base_task, view.tsdf.size)
     surface = transform_points(T_base_task, surface_points(view.tsdf))
     surface = surface[table.height(surface) > TABLE_BAND]
     boxes = Boxes.of((*declared_boxes(robot), *view.boxes))
     field = DistanceField(occupied, volume.origin, volume.voxel_size)
     points = np.concatenate([surface, centers[outside]])
-    return Scene(points, field, boxes, table, view.boxes, FreeSpace.of(view.tsdf, T_base_task))
+    known = FreeSpace.of(view.tsdf, T_base_task)
+    scene = Scene(points, field, boxes, table, view.boxes, known)
+    if robot.unknown_space == "optimistic":
+        return scene
+    index, centers = _solid_voxels(volume, ~volume.observed & ~volume.occupied, table, arm)
+    inside = _in_cube(centers, T_base_task, view.tsdf.size)
+    occupied[tuple(index[inside].T)] = True
+    both = DistanceField(occupied, volume.origin, volume.voxel_size)
+    return dataclasses.replace(scene, unseen=centers[inside], unseen_field=both)
+
+
+def check_view(view: SceneView) -> None:
+    """Refuse what cannot be a scene.
+
+    Raises:
+        BadInput: values that are not finite, or shapes that do not belong together.
+    """
+    grid, volume = view.tsdf, view.volume
+    if grid.values.ndim != 3 or grid.values.shape != grid.observed.shape or len(set(grid.values.shape)) != 1:
+        shapes = f"{grid.values.shape} and {grid.observed.shape}"
+        raise BadInput(f"the grid must be a cube with a mask of its shape, has {shapes}; nothing was planned")
+    if volume.occupied.ndim != 3 or volume.occupied.shape != volume.observed.shape or not volume.voxel_size > 0:
+        shapes = f"{volume.occupied.shape} and {volume.observed.shape}, voxels of {volume.voxel_size} m"
+        raise BadInput(f"the collision volume does not fit together: {shapes}; nothing was planned")
+    if not (np.isfinite(grid.values).all() and np.isfinite(volume.origin).all()):
+        raise BadInput("the scene holds values that are not finite; nothing was planned. Capture a new frame")
+
+
+def _solid_voxels(
+    volume: CollisionVolume, mask: Flags, table: Plane, arm: list[Capsule]
+) -> tuple[NDArray[np.int64], Array]:
+    """Indices (K, 3) and centres (K, 3) [m] of the voxels in `mask` that are neither the table's nor the arm's."""
+    index = np.argwhere(mask)
+    centers = volume.origin + (index + 0.5) * volume.voxel_size
+    raised = table.height(centers) > TABLE_BAND + volume.voxel_size / 2
+    index, centers = index[raised], centers[raised]
+    real = ~_near(centers, arm)
+    return index[real], centers[real]
+
+
+def _in_cube(points: Array, T_base_task: Array, size: float) -> Flags:
+    """Whether points (P, 3) of the base frame lie inside the workspace cube. Shape (P,)."""
+    in_task = (points - T_base_task[:3, 3]) @ T_base_task[:3, :3]
+    return np.asarray(((in_task >= 0) & (in_task <= size)).all(axis=1))
 
 
 def surface_points(grid: TsdfGrid) -> Array:

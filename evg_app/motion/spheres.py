@@ -1,5 +1,6 @@
 """Cover convex link meshes with a few spheres, so that a configuration is checked by distance lookups alone."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ from scipy.spatial.distance import cdist
 
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
+from evg_app.motion.kinematics import Primitive
 
 SLACK = 0.015
 """How far a sphere may stick out of its link [m]."""
@@ -36,6 +38,7 @@ class SphereBody:
         radius: [m]. Shape (S,).
         gripper: whether it belongs to the hand or a finger. Shape (S,).
         names: the link of each sphere.
+        corner_frame, corner: corners of a box around everything that a frame carries. Shapes (B,), (B, 3) [m].
     """
 
     frame: NDArray[np.int64]
@@ -43,6 +46,18 @@ class SphereBody:
     radius: Array
     gripper: NDArray[np.bool_]
     names: tuple[str, ...]
+    corner_frame: NDArray[np.int64]
+    corner: Array
+
+    def moved(self, frames: Array) -> Array:
+        """How far any point of the arm moves at most between neighbours of frames (N, 8, 4, 4). Shape (N - 1,) [m].
+
+        A rigid motion moves the points of a box no further than its corners.
+        """
+        T = frames[:, self.corner_frame]
+        p = (T[..., :3, :3] @ self.corner[:, :, None])[..., 0] + T[..., :3, 3]
+        step = np.diff(p, axis=0)
+        return np.asarray(np.sqrt(np.einsum("nbi,nbi->nb", step, step).max(axis=1, initial=0.0)))
 
     def place(self, frames: Array) -> Array:
         """Sphere centres in the base frame. Shapes (N, 8, 4, 4) -> (N, S, 3) [m]."""
@@ -121,22 +136,51 @@ def _candidates(points: Array, slack: float) -> tuple[Array, Array]:
     return grid[inside], depth[inside] + slack
 
 
-def arm_spheres(meshes: Any, gripper_links: tuple[str, ...]) -> SphereBody:
-    """Sphere covers of all collision meshes of an arm but its fixed base.
+def arm_spheres(meshes: Any, gripper_links: tuple[str, ...], attached: Sequence[Primitive] = ()) -> SphereBody:
+    """Sphere covers of all collision meshes of an arm but its fixed base, and of declared bodies on it.
 
     Args:
         meshes: Pinocchio geometry model.
         gripper_links: names of the hand and finger links.
+        attached: capsules fixed to the moving frames; they count as the arm's, not the gripper's.
     """
-    frames, centers, radii, names = [], [], [], []
+    covers: list[tuple[int, str, Array, Array]] = []
+    corners: list[tuple[int, Array]] = []
     for (frame, name), points in _points_by_link(meshes).items():
-        center, radius = cover(points, GRIPPER_SLACK if name in gripper_links else SLACK)
-        centers.append(center)
-        radii.append(radius)
-        frames.append(np.full(len(radius), frame))
-        names += [name] * len(radius)
-    gripper = np.array([name in gripper_links for name in names])
-    return SphereBody(np.concatenate(frames), np.concatenate(centers), np.concatenate(radii), gripper, tuple(names))
+        covers.append((frame, name, *cover(points, GRIPPER_SLACK if name in gripper_links else SLACK)))
+        corners.append((frame, points))
+    for name, frame, p0, p1, radius in attached:
+        if frame > 0:
+            covers.append((frame, name, *_capsule_spheres(p0, p1, radius)))
+            corners.append((frame, np.concatenate([p0 + radius * CORNERS, p1 + radius * CORNERS])))
+    covers.sort(key=lambda item: item[0])
+    frames, names, centers, radii = zip(*covers, strict=True)
+    counts = [len(radius) for radius in radii]
+    each = tuple(name for name, count in zip(names, counts, strict=True) for _ in range(count))
+    gripper = np.array([name in gripper_links for name in each])
+    corner_frame, corner = _box_corners(corners)
+    return SphereBody(
+        np.repeat(frames, counts), np.concatenate(centers), np.concatenate(radii), gripper, each, corner_frame, corner
+    )
+
+
+def _capsule_spheres(p0: Array, p1: Array, radius: float) -> tuple[Array, Array]:
+    """Spheres that hold a capsule: centres (S, 3) and radii (S,) [m]."""
+    count = int(np.ceil(np.linalg.norm(p1 - p0) / radius)) + 1
+    centers = p0 + np.linspace(0.0, 1.0, count)[:, None] * (p1 - p0)
+    gap = float(np.linalg.norm(p1 - p0)) / max(count - 1, 1)
+    return centers, np.full(count, float(np.hypot(radius, gap / 2)))
+
+
+def _box_corners(points: list[tuple[int, Array]]) -> tuple[NDArray[np.int64], Array]:
+    """For each frame the corners of a box around all its points: frame (8 F,), corner (8 F, 3)."""
+    frames = sorted({frame for frame, _ in points})
+    boxes = []
+    for frame in frames:
+        own = np.concatenate([p for k, p in points if k == frame])
+        low, high = own.min(axis=0), own.max(axis=0)
+        boxes.append((low + high) / 2 + CORNERS * (high - low) / 2)
+    return np.repeat(frames, 8), np.concatenate(boxes)
 
 
 def _points_by_link(meshes: Any) -> dict[tuple[int, str], Array]:

@@ -79,14 +79,15 @@ def load_robot(client: Client, robot: RobotConfig, detailed: bool = False) -> Ro
     by_name = {info[1].decode(): k for k, info in enumerate(infos)}
     links = {info[12].decode(): k for k, info in enumerate(infos)}
     fingers = [k for k, info in enumerate(infos) if info[2] == pybullet.JOINT_PRISMATIC]
-    missing = [name for name in robot.joints if name not in by_name]
-    if missing or robot.hand_link not in links or len(fingers) != 2:
+    missing = [name for name in robot.model_joints if name not in by_name]
+    if missing or robot.model_hand_link not in links or len(fingers) != 2:
         raise BadInput(
-            f"{robot.urdf} lacks joints {missing}, the hand link '{robot.hand_link}' or 2 fingers (has {len(fingers)})"
+            f"{robot.urdf} lacks joints {missing}, the hand link '{robot.model_hand_link}' "
+            f"or 2 fingers (has {len(fingers)})"
         )
-    joints = tuple(by_name[name] for name in robot.joints)
+    joints = tuple(by_name[name] for name in robot.model_joints)
     efforts = np.array([infos[k][10] for k in joints])
-    loaded = RobotBody(body, joints, efforts, (fingers[0], fingers[1]), links[robot.hand_link])
+    loaded = RobotBody(body, joints, efforts, (fingers[0], fingers[1]), links[robot.model_hand_link])
     _prepare(client, loaded, robot)
     return loaded
 
