@@ -260,6 +260,15 @@ class RunFinished:
 
 
 @dataclass(frozen=True, eq=False)
+class DepthChecked:
+    """The camera was judged before a run: `measures` by name ([m], [deg], shares), `advice` empty when good enough."""
+
+    measures: Mapping[str, float]
+    text: str
+    advice: str = ""
+
+
+@dataclass(frozen=True, eq=False)
 class Warned:
     """Something a person should know; the loop goes on. `cause` is a short machine-readable word."""
 
@@ -284,6 +293,7 @@ Event = (
     | AttemptFinished
     | RoundFinished
     | RunFinished
+    | DepthChecked
     | Warned
 )
 """Everything the loop says."""

@@ -6,6 +6,7 @@ from evg_app.cli.console import say
 from evg_app.events import (
     AttemptFinished,
     AttemptStarted,
+    DepthChecked,
     Event,
     GraspsPlanned,
     Judged,
@@ -39,6 +40,8 @@ class Progress:
             say(f"{self._label}: {self._seen}; {event.outcome}{reason}; {times}")
         elif isinstance(event, RoundFinished):
             say(f"  ended: {event.stop_reason}{f': {event.detail}' if event.detail else ''}")
+        elif isinstance(event, DepthChecked):
+            say(f"camera: {event.text}")
         elif isinstance(event, Warned):
             say(f"{self._label}: warning: {event.text}")
 
