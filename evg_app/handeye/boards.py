@@ -33,9 +33,9 @@ def opencv() -> Any:
     try:
         import cv2
     except ImportError as error:
-        raise MissingExtra("opencv-python-headless<5", "calibrate") from error
+        raise MissingExtra("opencv-python-headless<5", "") from error
     if not hasattr(cv2, "calibrateHandEye") or not hasattr(cv2, "aruco"):
-        raise MissingExtra("opencv-python-headless<5", "calibrate")
+        raise MissingExtra("opencv-python-headless<5", "")
     return cv2
 
 
@@ -103,8 +103,10 @@ class Board:
     def points(self) -> Array:
         """Every corner that detection can find, by its number, in the board frame [m]. Shape (C, 3)."""
         if self.model.kind == "charuco":
-            return np.asarray(self.pattern.getChessboardCorners(), dtype=np.float64)
-        return np.asarray(self.pattern.getObjPoints(), dtype=np.float64).reshape(-1, 3)
+            corners = self.pattern.getChessboardCorners()
+        else:
+            corners = self.pattern.getObjPoints()
+        return np.array(corners, dtype=np.float64).reshape(-1, 3)
 
     @property
     def outline(self) -> Array:

@@ -128,9 +128,9 @@ def collect(bench: Bench, count: int, seed: int) -> Session:
     samples: list[Sample] = [bench.take(0)]
     start = bench.arm.state().q.copy()
     reach = Reach(bench.motion)
-    for hand in first_motions(bench.motion.kinematics.fk_hand(start)):
-        q = reach.configuration(hand, start)
-        if q is not None and bench.go(q):
+    for choices in first_motions(bench.motion.kinematics.fk_hand(start)):
+        found = (reach.configuration(hand, start) for hand in choices)
+        if any(q is not None and bench.go(q) for q in found):
             samples.append(bench.take(len(samples)))
     if len(bench.session(samples).usable()) < LEAST_FIRST:
         bench.go(start)
@@ -153,7 +153,9 @@ def _next_stops(
     if fit is None or count <= 0:
         return iter(())
     return iter(
-        plan_stops(reach, bench.board, bench.camera.intrinsics, bench.mode, fit, views, near, count, seed + len(samples))
+        plan_stops(
+            reach, bench.board, bench.camera.intrinsics, bench.mode, fit, views, near, count, seed + len(samples)
+        )
     )
 
 

@@ -107,7 +107,7 @@ def _corners(board: Board, gray: Gray) -> tuple[NDArray[np.int64], Array]:
             return np.zeros(0, np.int64), np.zeros((0, 2))
         numbers = np.concatenate([np.arange(4 * k, 4 * k + 4) for k, _ in pairs])
         pixels = np.concatenate([np.asarray(quad, np.float32).reshape(4, 1, 2) for _, quad in pairs])
-    half = int(np.clip(_spacing(pixels[:, 0]) * 0.25, 2, 6))
+    half = int(np.clip(_spacing(pixels[:, 0].astype(np.float64)) * 0.25, 2, 6))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
     if board.model.kind == "charuco":
         pixels = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), stop)

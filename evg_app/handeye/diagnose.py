@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from evg_app.config.calibration import Mode
@@ -103,8 +104,8 @@ def rotations(views: Views, mode: Mode) -> list[Finding]:
         )
     else:
         text = (
-            f"all rotations are about one axis (the hand's {names[main]}: {spread[0]:.0f} deg RMS, next {spread[1]:.1f} "
-            f"deg): the camera's place along it cannot be known; add poses that tilt about {others}"
+            f"all rotations are about one axis (the hand's {names[main]}: {spread[0]:.0f} deg RMS, next "
+            f"{spread[1]:.1f} deg): the camera's place along it cannot be known; add poses that tilt about {others}"
         )
     return [Finding("one-axis", "refuse", text)]
 
@@ -119,8 +120,9 @@ def board_size(scale: float, scale_std: float, square_m: float) -> list[Finding]
         Finding(
             "board-scale",
             "warn",
-            f"the board is {100 * abs(off):.1f} % (+- {196 * scale_std:.1f}) {larger} than its YAML says (measured by the "
-            f"arm's motion; corrected here): measure the printed ruler and set the square to {1000 * square_m * scale:.2f} mm "
+            f"the board is {100 * abs(off):.1f} % (+- {196 * scale_std:.1f}) {larger} than its YAML says (measured by "
+            "the arm's motion; corrected here): measure the printed ruler and set the square to "
+            f"{1000 * square_m * scale:.2f} mm "
             "(if the print is right, the focal length is not)",
         )
     ]
@@ -132,8 +134,8 @@ def outliers(numbers: "list[int]", rms: "list[float]", total: int, median: float
         return []
     listed = ", ".join(f"{n} ({r:.1f} px)" for n, r in zip(numbers, rms, strict=True))
     text = (
-        f"{len(numbers)} of {total} samples are outliers and were left out: {listed}; the others have {median:.2f} px: was "
-        "the arm still moving, or the board touched?"
+        f"{len(numbers)} of {total} samples are outliers and were left out: {listed}; the others have {median:.2f} px: "
+        "was the arm still moving, or the board touched?"
     )
     return [Finding("outliers", "warn", text)]
 
@@ -176,13 +178,13 @@ def moved(views: Views, fit: Fit, left_out: "list[int]", mode: Mode) -> list[Fin
     elif score < MOVED_SCORE or size < MOVED_LEAST_M:
         return []
     text = (
-        f"{what} moved between samples {numbers[k - 1]} and {numbers[k]} (by about {1000 * size:.0f} mm): fix it firmly and "
-        "calibrate again"
+        f"{what} moved between samples {numbers[k - 1]} and {numbers[k]} (by about {1000 * size:.0f} mm): "
+        "fix it firmly and calibrate again"
     )
     return [Finding("moved", "refuse", text)]
 
 
-def _one_block(numbers: Array, left_out: "list[int]") -> int | None:
+def _one_block(numbers: NDArray[np.int64], left_out: "list[int]") -> int | None:
     """Index of the first sample after the step when the outliers are (nearly) all first or all last samples."""
     if len(left_out) < 3:
         return None
@@ -199,7 +201,10 @@ def solver_spread(distances_mm: "dict[str, float | None]") -> list[Finding]:
     known = [d for d in distances_mm.values() if d is not None]
     if not known or np.median(known) <= DISAGREE_MM:
         return []
-    text = f"the closed-form solvers disagree (median {np.median(known):.0f} mm from the result): samples are noisy or too alike"
+    text = (
+        f"the closed-form solvers disagree (median {np.median(known):.0f} mm from the result): the samples "
+        "are noisy or too much alike"
+    )
     return [Finding("solvers-disagree", "warn", text)]
 
 

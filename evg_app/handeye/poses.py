@@ -18,7 +18,7 @@ FIRST_TURN = 0.16
 """Turn of the first motions, when nothing is known yet [rad]."""
 FIRST_SHIFT = 0.02
 """Shift of the first motions [m]."""
-CANDIDATES = 400
+CANDIDATES = 300
 """Random views of which the best are taken."""
 MAX_TILT = 0.75
 """Largest tilt of the board against the view [rad]."""
@@ -36,13 +36,29 @@ REACH_TRIES = 4
 """Arm configurations tried for each pose."""
 
 
-def first_motions(T_base_hand: Array) -> list[Array]:
-    """Hand poses around the start: turns about three axes, each with a shift. Each (4, 4)."""
-    ways = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1.6), (0, 0, -1.6), (0.7, 0.7, 1.0), (-0.7, 0.7, -1.0)]
+FIRST_SCALES = (1.0, 0.6, -0.8)
+"""Where a first motion cannot be reached, these multiples of it are tried."""
+
+
+def first_motions(T_base_hand: Array) -> list[list[Array]]:
+    """Hand poses around the start: turns about three axes, each with a shift and smaller ones to fall back on."""
+    turns = [
+        (1, 0, 0),
+        (-1, 0, 0),
+        (0, 1, 0),
+        (0, -1, 0),
+        (0, 0, 1.6),
+        (0, 0, -1.6),
+        (0.7, 0.7, 1.0),
+        (-0.7, 0.7, -1.0),
+    ]
     shifts = [(0, 1, 0), (1, 0, 1), (0, 0, -1), (-1, 0, 0), (1, 1, 0), (0, -1, 1), (-1, 1, 0), (1, -1, -1)]
     return [
-        T_base_hand @ make(exp(FIRST_TURN * np.array(turn, float)), FIRST_SHIFT * np.array(shift, float))
-        for turn, shift in zip(ways, shifts, strict=True)
+        [
+            T_base_hand @ make(exp(k * FIRST_TURN * np.array(turn)), k * FIRST_SHIFT * np.array(shift))
+            for k in FIRST_SCALES
+        ]
+        for turn, shift in zip(turns, shifts, strict=True)
     ]
 
 
@@ -117,7 +133,7 @@ class Stop:
 def plan_stops(
     reach: Reach, board: Board, K: Intrinsics, mode: Mode, fit: Fit, taken: Views, q: Array, count: int, seed: int
 ) -> list[Stop]:
-    """The `count` reachable views that add most to what the samples `taken` say (greedy D-optimal), in a short order."""
+    """The `count` reachable views that add most to what `taken` says (greedy D-optimal), in a short order."""
     rng = np.random.default_rng(seed)
     distance = float(np.median(taken.B[:, 2, 3]))
     first = taken.B[0][:3, :3]

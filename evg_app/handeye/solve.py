@@ -9,7 +9,7 @@ from evg_app.geometry import Array, invert, transform_points
 from evg_app.handeye import diagnose
 from evg_app.handeye.diagnose import Finding
 from evg_app.handeye.heldout import Heldout, held_out
-from evg_app.handeye.refine import FREE_SCALE, SCALE_PRIOR, Fit, refine
+from evg_app.handeye.refine import FREE_SCALE, SCALE_PRIOR, Fit, fit_at, refine
 from evg_app.handeye.rigid import cube_points, displacement
 from evg_app.handeye.sample import Sample, Session, Views, views_of
 from evg_app.handeye.starts import SOLVERS, best_starts, plain
@@ -119,8 +119,7 @@ def fit_without_outliers(views: Views) -> tuple[Fit | None, float, np.ndarray[tu
         if new.sum() < diagnose.MIN_SAMPLES // 2 or (new == keep).all():
             break
         keep = new
-        part = refine(views.take(keep), fit.X, fit.Z, fit.scale, FREE_SCALE)
-        fit = Fit(part.X, part.Z, part.scale, _whole(views, part))
+        fit = _on_all(views, refine(views.take(keep), fit.X, fit.Z, fit.scale, FREE_SCALE))
     part = views.take(keep)
     free = refine(part, fit.X, fit.Z, fit.scale, FREE_SCALE)
     cube = transform_points(free.X, np.array([[0.0, 0.0, 0.5]]))
@@ -130,15 +129,14 @@ def fit_without_outliers(views: Views) -> tuple[Fit | None, float, np.ndarray[tu
     return refine(part, fit.X, fit.Z, 1.0, SCALE_PRIOR), SCALE_PRIOR, keep
 
 
-def _whole(views: Views, part: Fit) -> Array:
-    from evg_app.handeye.refine import residuals
-
-    return residuals(views, part.X, part.Z, part.scale)
+def _on_all(views: Views, fit: Fit) -> Fit:
+    """The same fit with the residuals of these views."""
+    return fit_at(views, fit.X, fit.Z, fit.scale)
 
 
 def _swapped(session: Session, views: Views, fit: Fit) -> list[Finding]:
     """Whether the samples fit the other mode better."""
-    here = float(np.median(Fit(fit.X, fit.Z, fit.scale, _whole(views, fit)).sample_rms(views)))
+    here = float(np.median(_on_all(views, fit).sample_rms(views)))
     if here < SUSPICIOUS_PX:
         return []
     other = views.swapped()
@@ -148,8 +146,8 @@ def _swapped(session: Session, views: Views, fit: Fit) -> list[Finding]:
         return []
     right = "eye-in-hand" if session.mode == "eye-to-hand" else "eye-to-hand"
     text = (
-        f"the samples fit {right} ({there:.2f} px) and not {session.mode} ({here:.0f} px): the mode is swapped; run again "
-        f"with --mode {right}"
+        f"the samples fit {right} ({there:.2f} px) and not {session.mode} ({here:.0f} px): the mode is swapped; run "
+        f"again with --mode {right}"
     )
     return [Finding("swapped-mode", "refuse", text)]
 
@@ -157,7 +155,7 @@ def _swapped(session: Session, views: Views, fit: Fit) -> list[Finding]:
 def _causes(
     session: Session, everything: Views, views: Views, fit: Fit, confidence: Uncertainty, left_out: list[int]
 ) -> list[Finding]:
-    whole = Fit(fit.X, fit.Z, fit.scale, _whole(everything, fit))
+    whole = _on_all(everything, fit)
     rms = whole.sample_rms(everything)
     findings = diagnose.rotations(views, session.mode)
     findings += diagnose.board_size(fit.scale, confidence.scale_std, session.board.model.square_m)
@@ -183,8 +181,8 @@ def _gates(errors: Heldout, confidence: Uncertainty) -> list[Finding]:
     if confidence.bound_mm > GO_MM:
         severity = "warn" if confidence.bound_mm <= WARN_MM else "refuse"
         text = (
-            f"the error over the workspace may be up to {confidence.bound_mm:.1f} mm (95 %): take more samples, turn the "
-            "hand further, bring the board closer"
+            f"the error over the workspace may be up to {confidence.bound_mm:.1f} mm (95 %): take more samples, turn "
+            "the hand further, bring the board closer"
         )
         findings.append(Finding("bound", severity, text))
     return findings

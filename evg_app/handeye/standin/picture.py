@@ -1,4 +1,4 @@
-"""Pictures of a board by casting the rays of every pixel at its plane: lens distortion, blur, exposure, hiding, noise."""
+"""Pictures of a board by casting rays at its plane: lens distortion, blur, exposure, hiding, sensor noise."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from evg_app.handeye.boards import Board, Gray, opencv
 from evg_app.handeye.detect import undistort
 from evg_app.types import Intrinsics
 
-SUPERSAMPLING = 4
+SUPERSAMPLING = 3
 """Rays per pixel along each axis."""
 TEXELS_PER_M = 4000.0
 """Resolution of the printed pattern."""
@@ -100,7 +100,7 @@ class BoardPainter:
             light[top:bottom, left:right] = self._plate(light[top:bottom, left:right], T_cam_board, exposure, crop)
         mean = 255.0 * exposure.gain * light
         noisy = mean + rng.normal(0.0, 1.0, mean.shape).astype(np.float32) * np.sqrt(2.0 + 0.02 * mean)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
     def _crop(self, T_cam_board: Array, exposure: Exposure) -> tuple[int, int, int, int] | None:
         """Rows and columns (top, bottom, left, right) that the plate can touch, or None."""

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evg_app.config.calibration import Mode
+from evg_app.config.calibration import MODES, Mode
 from evg_app.errors import BadInput
 from evg_app.geometry import WORKSPACE_SIZE, Array, camera_on_sphere, invert, make, transform_points
 from evg_app.handeye.boards import Board
-from evg_app.handeye.poses import Reach, hand_pose, visible
+from evg_app.handeye.poses import Reach, first_motions, hand_pose, visible
 from evg_app.handeye.rigid import exp
 from evg_app.types import Intrinsics
 
@@ -21,6 +21,9 @@ ENCODER_RAD = 3e-4
 PRINT = 1e-3
 """Relative error of the print's size (standard deviation)."""
 TRIES = 400
+"""Labs that are drawn until one has room."""
+ROOM = 6
+"""Of the 8 first motions, how many must be reachable from where the user put the arm."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,7 @@ def draw_truth(mode: Mode, seed: int, reach: Reach, board: Board, nominal: Intri
     Raises:
         BadInput: none was found; the robot's limits or its boxes leave no room.
     """
-    rng = np.random.default_rng([seed, len(mode)])
+    rng = np.random.default_rng([seed, MODES.index(mode)])
     draw = _to_hand if mode == "eye-to-hand" else _in_hand
     T_hand_real = make(exp(rng.normal(0, TCP_RAD, 3)), rng.normal(0, TCP_M, 3))
     encoder = rng.normal(0, ENCODER_RAD, len(reach.motion.robot.joints))
@@ -124,5 +127,7 @@ def _start(
             continue
         if mode == "eye-to-hand" and not reach.clear(q, transform_points(hand @ Z, board.outline)):
             continue
-        return q
+        around = [choices[0] for choices in first_motions(hand)]
+        if sum(reach.configuration(pose, q) is not None for pose in around) >= ROOM:
+            return q
     return None

@@ -1,0 +1,132 @@
+"""`evg-app calibrate`: where the camera stands, to how many millimetres, and whether that is good enough.
+
+Example: `evg-app calibrate --sim --mode eye-to-hand --seed 3 --json out.json`
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+from evg_app.cli.arguments import count
+from evg_app.cli.console import hushed, say
+from evg_app.cli.trials.common import write_json_file
+from evg_app.config.calibration import FOLDER, MODES, save_calibration, write_calibration
+from evg_app.errors import BadInput, EvgError
+
+SAMPLES = 24
+RESULT, FACTS, REPORT = "result.yaml", "facts.json", "report.html"
+SOLVE_TIMEOUT = 600.0
+"""[s]."""
+
+
+def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Declare the verb."""
+    parser = verbs.add_parser(
+        "calibrate", help="find where the camera stands, with its error in millimetres", description=__doc__
+    )
+    parser.add_argument("--sim", action="store_true", help="a stand-in moves, renders the board and judges the result")
+    parser.add_argument("--mode", choices=MODES, help="camera beside the table (eye-to-hand) or on the hand")
+    parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
+    parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
+    parser.add_argument("--board", default="charuco_a4", metavar="NAME", help="calibration/boards/NAME.yaml")
+    parser.add_argument("--samples", type=count, default=SAMPLES, metavar="N", help=f"stops (default: {SAMPLES})")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the views, and of the stand-in")
+    parser.add_argument("--from", dest="source", type=Path, metavar="RUN", help="solve the samples of a folder again")
+    parser.add_argument("--run-dir", type=Path, metavar="DIR", help="where samples and report go")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers")
+    parser.add_argument("--force", action="store_true", help="keep a refused result; the file says so")
+    parser.add_argument("--config-dir", type=Path, metavar="DIR", help="your own robot_configs/ and calibration/")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Calibrate. Returns 0 for go and warn, 3 for refuse.
+
+    Raises:
+        EvgError: a bad name, file or value, or a device failed.
+    """
+    if args.source is not None:
+        return _solve(args)
+    if args.mode is None:
+        raise BadInput("say where the camera is: --mode eye-to-hand (beside the table) or --mode eye-in-hand")
+    if not args.sim:
+        raise BadInput("only --sim and --from RUN are wired in this version")
+    return _simulate(args)
+
+
+def _simulate(args: argparse.Namespace) -> int:
+    """Collect with the stand-in, solve in a process that is given the samples alone, then judge."""
+    with hushed():
+        from evg_app.config.files import load_camera, load_robot
+        from evg_app.handeye.boards import load_board
+        from evg_app.handeye.collect import collect
+        from evg_app.handeye.standin.bench import simulated_bench
+        from evg_app.handeye.standin.judge import judged
+        from evg_app.handeye.store import RunFolder, default_folder
+        from evg_app.motion.feasibility import MotionPlanner
+    robot, camera = load_robot(args.robot, args.config_dir), load_camera(args.camera, args.config_dir)
+    board, motion = load_board(args.board, args.config_dir), MotionPlanner(robot)
+    folder = RunFolder(args.run_dir or default_folder(), simulated=True)
+    lab = simulated_bench(motion, robot, camera, board, args.mode, args.seed, folder.add)
+    folder.finish(collect(lab.bench, args.samples, args.seed))
+    facts = _solve_elsewhere(folder.path, args.force)
+    facts = judged({**facts, "seed": args.seed}, lab.truth, motion.kinematics)
+    write_json_file(args.json, facts)
+    if facts["true_mm"] is not None:
+        say(f"true error {facts['true_mm']:.2f} mm, {facts['true_deg']:.3f} deg (the judge's; the solver never saw it)")
+    return 3 if facts["verdict"] == "refuse" and not args.force else 0
+
+
+def _solve_elsewhere(folder: Path, force: bool) -> dict[str, Any]:
+    """Run `evg-app calibrate --from` as a process of its own.
+
+    Raises:
+        EvgError: it failed.
+    """
+    words = [sys.executable, "-m", "evg_app.cli.main", "calibrate", "--from", str(folder), *(["--force"] * force)]
+    done = subprocess.run(words, timeout=SOLVE_TIMEOUT, check=False)
+    if done.returncode not in (0, 3):
+        raise EvgError(f"solving failed with exit code {done.returncode}; try it alone: {' '.join(words[3:])}")
+    facts: dict[str, Any] = json.loads((folder / FACTS).read_text(encoding="utf-8"))
+    return facts
+
+
+def _solve(args: argparse.Namespace) -> int:
+    """Solve a folder of samples, write result and report into it, and say what came out."""
+    with hushed():
+        from evg_app.handeye.report import write_report
+        from evg_app.handeye.result import as_calibration, as_facts
+        from evg_app.handeye.solve import Solution, solve
+        from evg_app.handeye.store import is_simulated, load_session
+    folder = args.source
+    session = load_session(folder, args.mode)
+    solution = solve(session)
+    facts = {**as_facts(session, solution), "run": str(folder)}
+    refused = solution.verdict == "refuse" and not args.force
+    if isinstance(solution, Solution):
+        result = as_calibration(session, solution, str(folder), args.force)
+        write_calibration(result, folder / RESULT)
+        facts["forced"] = result.forced
+        if not refused and not is_simulated(folder):
+            facts["file"] = str(save_calibration(result, (args.config_dir or Path.cwd()) / FOLDER))
+    write_report(session, solution, folder / REPORT)
+    write_json_file(folder / FACTS, facts)
+    write_json_file(args.json, facts)
+    _report(facts, folder)
+    return 3 if refused else 0
+
+
+def _report(facts: dict[str, Any], folder: Path) -> None:
+    say(f"{facts['verdict'].upper()}  {facts['mode']}, {facts['samples']} of {facts['taken']} samples used")
+    if facts["heldout_mm"] is not None:
+        say(f"held-out error {facts['heldout_mm']:.2f} mm, {facts['heldout_deg']:.3f} deg (samples not fitted)")
+        say(f"over the workspace at most {facts['bound_mm']:.2f} mm, {facts['bound_deg']:.3f} deg (95 %)")
+        say(f"reprojection {facts['reprojection_px']:.2f} px; board {100 * facts['board_scale']:.2f} % of its size")
+    for reason in facts["reasons"]:
+        say(f"  - {reason}")
+    if "file" in facts:
+        say(f"written: {facts['file']}")
+    say(f"report: {folder / REPORT}")
