@@ -1,0 +1,181 @@
+"""One simulated cell with one scene in it; every pick begins anew from the same state."""
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from evg_app.benchmark.motion.baseline import StraightPick
+from evg_app.benchmark.motion.config import MotionBenchmark
+from evg_app.benchmark.motion.contacts import Contact, ContactJudge
+from evg_app.benchmark.motion.limits import worst_ratios
+from evg_app.benchmark.motion.truth import true_view
+from evg_app.errors import EvgError
+from evg_app.geometry import Array
+from evg_app.motion.kinematics import Kinematics
+from evg_app.motion.plan import PickPlan
+from evg_app.motion.scene import SceneView
+from evg_app.picking.perceive import TablePerception
+from evg_app.picking.verify import held
+from evg_app.simulation.arm import SimulatedArm
+from evg_app.simulation.builtin import builtin_objects
+from evg_app.simulation.camera import SimulatedCamera
+from evg_app.simulation.gripper import SimulatedGripper
+from evg_app.simulation.state import SceneState
+from evg_app.simulation.world import SimWorld
+from evg_app.types import Trajectory
+
+SLACK = 5.0
+"""A motion may take this much longer than its trajectory [s]."""
+BEFORE_CLOSING = ("reach", "approach")
+"""Motions in which nothing may be touched."""
+
+
+@dataclass(frozen=True)
+class Executed:
+    """What happened when a pick was executed.
+
+    Attributes:
+        ended: "done", or why a motion fell short and the pick ended there.
+        before: contacts with anything but the target before the fingers closed.
+        after: the same from closing on.
+        target_before: whether the target was touched before the fingers closed.
+        held: whether something was between the fingers after the lift.
+        delivered: whether the target ended in the bin.
+        ratios: of the samples that were sent, see `limits.worst_ratios`.
+        seconds: simulated time [s].
+    """
+
+    ended: str
+    before: tuple[Contact, ...]
+    after: tuple[Contact, ...]
+    target_before: bool
+    held: bool
+    delivered: bool
+    ratios: dict[str, float]
+    seconds: float
+
+
+class Cell:
+    """A scene in PyBullet with arm, gripper and camera. A context manager."""
+
+    def __init__(self, config: MotionBenchmark, seed: int, number: int) -> None:
+        """Build scene `number` of `seed`.
+
+        Raises:
+            EvgError: the configuration or the scene cannot be used.
+        """
+        self.robot, camera = config.robot_config(), config.camera_config()
+        self._table_is_ruler = camera.table_is_ruler
+        self._world = SimWorld(self.robot, config.world_config(number), builtin_objects("test"))
+        try:
+            self._arm, self._gripper = SimulatedArm(self._world), SimulatedGripper(self._world)
+            self._camera = SimulatedCamera(self._world, camera)
+            words = np.random.SeedSequence([seed, number]).generate_state(1, np.uint32)
+            self._world.new_round(int(words[0]))
+            self._judge = ContactJudge(self._world)
+            self._saved = self._world.client.saveState()
+        except EvgError:
+            self._world.close()
+            raise
+        self._sent: list[Trajectory] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._world.close()
+
+    @property
+    def T_base_task(self) -> Array:
+        """Where the workspace is. Shape (4, 4)."""
+        return self._world.T_base_task
+
+    def state(self) -> SceneState:
+        """The objects as they lie."""
+        return self._world.scene()
+
+    def q(self) -> Array:
+        """Where the arm is [rad]. Shape (7,)."""
+        return self._arm.state().q
+
+    def true_view(self) -> SceneView:
+        """The scene without noise, occlusion and unknown space."""
+        return true_view(self.state(), self.T_base_task)
+
+    def observed_view(self, kinematics: Kinematics) -> SceneView:
+        """The scene from one noisy depth image, as the loop sees it."""
+        perception = TablePerception(
+            self.T_base_task, lambda q: self._camera.T_base_cam, kinematics.link_primitives, self._table_is_ruler
+        )
+        q = self.q()
+        frame = self._camera.capture(after=self._world.time, timeout=SLACK)
+        view = perception.view(perception.clean(frame, q), q)
+        return SceneView(view.tsdf, view.volume)
+
+    def execute(self, pick: PickPlan | StraightPick, target: int) -> Executed:
+        """Carry a pick out from the saved state; the baseline ends where the fingers would close.
+
+        Args:
+            pick: what to do.
+            target: index of the object that is to be grasped.
+        """
+        self._renew()
+        start, in_hand = self._world.time, False
+        ended = self._follow("reach", pick.reach) or self._follow("approach", pick.approach)
+        if isinstance(pick, PickPlan) and not ended:
+            gripper = self.robot.gripper
+            self._judge.phase = "close"
+            inner, outer = gripper.epsilon_inner_m, gripper.epsilon_outer_m
+            self._gripper.grasp(0.0, gripper.speed_m_s, gripper.force_n, inner, outer, gripper.timeout_s)
+            ended = self._follow("lift", pick.lift)
+            in_hand = held(self._gripper.state(), gripper)
+            ended = ended or self._finish(pick, in_hand)
+        self._judge.phase = ""
+        name, contacts = self._judge.name_of(target), self._judge.contacts()
+        before = tuple(c for c in contacts if c.phase in BEFORE_CLOSING)
+        return Executed(
+            ended=ended or "done",
+            before=tuple(c for c in before if c.other != name),
+            after=tuple(c for c in contacts if c.phase not in BEFORE_CLOSING and c.other != name),
+            target_before=any(c.other == name for c in before),
+            held=in_hand,
+            delivered=name in self._world.truth().in_bin,
+            ratios=worst_ratios(self._sent, self.robot),
+            seconds=self._world.time - start,
+        )
+
+    def _finish(self, pick: PickPlan, in_hand: bool) -> str:
+        """To the bin and back with something in the hand, else straight back; why it fell short, or empty."""
+        if not in_hand:
+            self._open()
+            return self._follow("retreat", pick.retreat)
+        ended = self._follow("transport", pick.transport)
+        self._open()
+        return ended or self._follow("back", pick.back)
+
+    def _open(self) -> None:
+        gripper = self.robot.gripper
+        self._judge.phase = "open"
+        self._gripper.move(gripper.max_width_m, gripper.speed_m_s, gripper.timeout_s)
+
+    def _follow(self, phase: str, trajectory: Trajectory) -> str:
+        """Execute a trajectory to its end; why it fell short, or empty."""
+        self._judge.phase = phase
+        self._sent.append(trajectory)
+        result = self._arm.execute(trajectory).wait(trajectory.duration + SLACK)
+        if result is None:
+            return f"{phase}: did not end"
+        return "" if result.reached else f"{phase}: {result.reason}"
+
+    def _renew(self) -> None:
+        """Everything as it was when the scene was built."""
+        self._world.client.restoreState(stateId=self._saved)
+        for renew in self._world.on_reset:
+            renew()
+        self._world.solve_finely(False)
+        self._sent = []
+        self._judge.begin()

@@ -1,0 +1,119 @@
+"""Scenes to the benchmark's numbers: counts with intervals, times, what was touched."""
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from evg_app.benchmark.motion.row import BASELINE, OBSERVED, TRUE, Cycle, SceneRow, Target
+from evg_app.trials.statistics import tally, wilson
+
+
+def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str]) -> dict[str, Any]:
+    """The numbers of the JSON. `policy` is the configured one, to which the bare `*_observed` keys belong."""
+    targets = [target for row in rows for target in row.targets]
+    cycles = [cycle for row in rows for cycle in row.cycles]
+    arms = {arm: arm_facts(c for c in cycles if c.arm == arm) for arm in _arms(policies)}
+    true, observed = arms[TRUE], arms[f"{OBSERVED} {policy}"]
+    return {
+        **reach_facts(targets),
+        "check_ms_median": _median(ms for row in rows for ms in row.check_ms),
+        "scene_ms_median": _median(ms for row in rows for ms in row.scene_ms),
+        "path_ms_median": _median(ms for row in rows for ms in row.path_ms),
+        "path_ms_p99": _percentile((ms for row in rows for ms in row.path_ms), 99),
+        "executed": true["executed"],
+        "contacts": true["contacts"],
+        "contacts_ci": true["contacts_ci"],
+        "executed_observed": observed["executed"],
+        "contacts_observed": observed["contacts"],
+        "contacts_observed_ci": observed["contacts_ci"],
+        "limit_violations": sum(arms[arm]["limit_violations"] for arm in arms if arm != BASELINE),
+        "unknown_space": policy,
+        "arms": arms,
+        "scenes": len(rows),
+        "scenes_by_kind": tally(row.kind for row in rows),
+        "by_kind": {kind: _of_kind(rows, kind, policies) for kind in sorted({row.kind for row in rows})},
+    }
+
+
+def reach_facts(targets: Sequence[Target]) -> dict[str, Any]:
+    """Of the targets with a complete answer (`Target.legs`), how many the planner made a pick of, and why not."""
+    total = [t for t in targets if t.legs]
+    found = sum(t.found for t in total)
+    return {
+        "reachable_found": found,
+        "reachable_total": len(total),
+        "reachable_ci": list(wilson(found, len(total))),
+        "reachable_missed": tally(t.verdict for t in total if not t.found),
+        "reach_targets": len(targets),
+        "reach_configuration_total": sum(t.configuration for t in targets),
+        "reach_found_beyond": sum(t.found and not t.legs for t in targets),
+    }
+
+
+def arm_facts(cycles: Iterable[Cycle]) -> dict[str, Any]:
+    """Counts of one arm of the experiment."""
+    asked = list(cycles)
+    done = [c for c in asked if c.executed]
+    touched = [c for c in done if c.contacts]
+    broken = [c for c in done if c.broken]
+    return {
+        "asked": len(asked),
+        "executed": len(done),
+        "contacts": len(touched),
+        "contacts_ci": list(wilson(len(touched), len(done))),
+        "touched": tally(_pair(words) for c in touched for words in c.contacts),
+        "limit_violations": len(broken),
+        "broken": tally(name for c in broken for name in c.broken),
+        "worst_ratios": _worst(done),
+        "contacts_after": sum(bool(c.after) for c in done),
+        "touched_after": tally(_pair(words) for c in done for words in c.after),
+        "target_touched_before": sum(c.target_before for c in done),
+        "held": sum(c.held for c in done),
+        "delivered": sum(c.delivered for c in done),
+        "ended": tally(re.sub(r"[\d.]+", "#", c.ended) if c.executed else "no pick" for c in asked),
+        "no_pick": tally(_reasons(c.ended) for c in asked if not c.executed),
+    }
+
+
+def _arms(policies: Sequence[str]) -> tuple[str, ...]:
+    return (TRUE, BASELINE, *(f"{OBSERVED} {policy}" for policy in policies))
+
+
+def _of_kind(rows: Sequence[SceneRow], kind: str, policies: Sequence[str]) -> dict[str, Any]:
+    """The headline counts of one kind of scene."""
+    mine = [row for row in rows if row.kind == kind]
+    facts: dict[str, Any] = {arm: {"executed": 0, "contacts": 0} for arm in _arms(policies)}
+    for cycle in (c for row in mine for c in row.cycles if c.executed):
+        facts[cycle.arm]["executed"] += 1
+        facts[cycle.arm]["contacts"] += bool(cycle.contacts)
+    reach = reach_facts([t for row in mine for t in row.targets])
+    return facts | {key: reach[key] for key in ("reachable_found", "reachable_total")}
+
+
+def _worst(cycles: Sequence[Cycle]) -> dict[str, float]:
+    worst: dict[str, float] = {}
+    for cycle in cycles:
+        for name, ratio in (cycle.ratios or {}).items():
+            worst[name] = max(worst.get(name, 0.0), ratio)
+    return worst
+
+
+def _pair(words: str) -> str:
+    """Phase, link and what was touched, without number and depth: "reach: panda_hand - mug_03"."""
+    return re.sub(r" \([-\d.]+ mm\)$", "", re.sub(r"- \d+:", "- ", words))
+
+
+def _reasons(ended: str) -> str:
+    """The verdicts of a decision without a pick, without counts."""
+    return re.sub(r" \d+", "", ended.removeprefix("no pick: "))
+
+
+def _median(values: Iterable[float]) -> float | None:
+    return _percentile(values, 50)
+
+
+def _percentile(values: Iterable[float], share: float) -> float | None:
+    array = np.array(list(values))
+    return round(float(np.percentile(array, share)), 3) if len(array) else None
