@@ -86,7 +86,7 @@ class GraspAttention(nn.Module):
         self.key_encoding = nn.Parameter(torch.rand(25, hidden.triv))
         self.hidden, self.antipodal = hidden, antipodal
 
-    def _symmetric(self) -> tuple[Tensor, Tensor]:
+    def tied(self) -> tuple[Tensor, Tensor]:
         """Control points (25, 3) and key encodings (25, triv), tied under the exchange of the fingers if wanted."""
         if not self.antipodal:
             return self.points, self.key_encoding
@@ -97,7 +97,7 @@ class GraspAttention(nn.Module):
     def forward(self, features: Features, points: Tensor, rotation: Tensor, c: Tensor) -> Tensor:
         """Feature (B, Q, C) of grasps at points (B, Q, 3), rotations (B, Q, 3, 3), point features c (B, Q, C)."""
         batch, queries, _ = points.shape
-        local, code = self._symmetric()
+        local, code = self.tied()
         triv = slice(4 * self.hidden.reg, self.hidden.size)
         world = points[:, :, None] + local @ rotation.transpose(-1, -2)
         read = sample(features, world.reshape(batch, queries * 25, 3)).reshape(batch, queries, 25, -1)
