@@ -17,6 +17,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--packed-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
     parser.add_argument("--pile-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
+    parser.add_argument(
+        "--weights", type=Path, metavar="FILE", help="add this network's own proposals, judged by physics"
+    )
+    parser.add_argument("--proposals", type=int, default=24, metavar="N", help="so many per scene (default 24)")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
     parser.set_defaults(run=run)
 
@@ -34,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
         scenes=args.scenes,
         packed_folders=tuple(str(p) for p in args.packed_objects),
         pile_folders=tuple(str(p) for p in args.pile_objects),
+        weights=str(args.weights) if args.weights else None,
+        proposals=args.proposals,
     )
     generate(config, args.out, args.workers)
     return 0

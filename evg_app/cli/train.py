@@ -1,17 +1,22 @@
-"""`evg-app train`: train EquiIGD on generated scenes and export its weights."""
+"""`evg-app train`: train a network on generated scenes and export its weights."""
 
 import argparse
 import logging
 from pathlib import Path
 
-SUMMARY = "train EquiIGD on generated scenes, resuming where it stopped; with --export also write the weights"
+SUMMARY = "train a network on generated scenes, resuming where it stopped; with --export also write the weights"
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the verb `train`."""
     parser = subparsers.add_parser("train", help="train a grasp network on generated scenes", description=SUMMARY)
     parser.add_argument(
-        "--data", type=Path, required=True, metavar="DIR", help="folder of shards from evg-app generate"
+        "--data",
+        type=Path,
+        required=True,
+        action="append",
+        metavar="DIR",
+        help="folder of shards from evg-app generate; may be given several times",
     )
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder of the checkpoint and metrics.csv"
@@ -19,6 +24,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--minutes", type=float, default=60.0, help="training time in all, across resumes (default 60)")
     parser.add_argument("--batch", type=int, default=6, help="scenes per step (default 6)")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--device", default="cpu", help="where to train: cpu or cuda (default cpu)")
+    parser.add_argument("--model", choices=("equiigd", "equigiga"), default="equiigd")
+    parser.add_argument("--learning-rate", type=float, default=1e-3, help="highest (default 0.001)")
+    parser.add_argument("--start", metavar="FILE", help="weights to start from instead of random ones")
     parser.add_argument("--side", choices=("exact", "mixed"), default="exact", help="side branch (default exact)")
     parser.add_argument("--export", type=Path, metavar="FILE", help="NAME.safetensors to write at the end")
     parser.set_defaults(run=run)
@@ -30,7 +39,17 @@ def run(args: argparse.Namespace) -> int:
 
     restart_with_allocator()
     logging.getLogger("evg_app").setLevel(logging.INFO)
-    config = TrainConfig(minutes=args.minutes, batch=args.batch, seed=args.seed, network={"side": args.side})
+    network = {"side": args.side} | ({"contact_score": True} if args.model == "equiigd" else {})
+    config = TrainConfig(
+        minutes=args.minutes,
+        batch=args.batch,
+        seed=args.seed,
+        learning_rate=args.learning_rate,
+        architecture=args.model,
+        network=network,
+        device=args.device,
+        start=args.start,
+    )
     checkpoint = train(config, args.data, args.out)
     if args.export is not None:
         from evg_app.learning.export import export_weights

@@ -1,16 +1,13 @@
 """Draw training batches: whole scenes with many queries each; a pure function of (seed, step, scenes)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
-from evg_app.geometry import WORKSPACE_SIZE, Array
-from evg_app.learning.labels import Kind
-from evg_app.learning.shards import SceneSample
+from evg_app.geometry import WORKSPACE_SIZE
+from evg_app.learning.labels import Kind, WithContact
+from evg_app.learning.tables import SceneTable
 
 CLEAR_OF_POSITIVE = 0.010
 """A negative closer than this to a positive says nothing about graspness [m]."""
@@ -19,20 +16,15 @@ WEAK_DISTANCE = 0.020
 AROUND = 0.04
 """Standard deviation of the weak negatives drawn around surfaces [m]."""
 
-MIRROR = np.array([-1, 1, 1], dtype=np.float32)
-"""Mirrors directions in the plane x = const; positions also need `MIRROR_SHIFT`."""
-MIRROR_SHIFT = np.array([WORKSPACE_SIZE, 0, 0], dtype=np.float32)
-"""[m]."""
-FINGERS_EXCHANGED = np.array([1, -1, 1], dtype=np.float32)
-"""On the columns of a mirrored rotation: makes it a rotation again, of the mirror image of the gripper: itself."""
-
 
 @dataclass(frozen=True)
 class BatchSizes:
-    """Queries per scene: labelled positives and negatives, weak negatives, occupancy points."""
+    """Queries per scene: labelled positives, collisions, slips, tried proposals; weak negatives; occupancy points."""
 
     positives: int = 96
-    negatives: int = 96
+    collisions: int = 96
+    slips: int = 48
+    proposals: int = 24
     weak: int = 80
     occupancy: int = 512
 
@@ -44,8 +36,9 @@ class Batch:
     Attributes:
         grid: (B, 1, 40, 40, 40).
         positive, positive_rotation, positive_width: (B, P, 3), (B, P, 3, 3), (B, P) [fraction of 0.3 m].
-        negative, negative_rotation: (B, N, 3), (B, N, 3, 3).
-        negative_counts: whether the negative counts for graspness. (B, N).
+        judged, judged_rotation: collisions, slips and proposals. (B, J, 3), (B, J, 3, 3).
+        judged_label, judged_weight: success without and with contact on the approach, and what is known. (B, J, 2).
+        judged_counts: weight of the judged in graspness, as negatives. (B, J).
         weak: (B, W, 3); weak_counts: (B, W).
         point, occupied: (B, O, 3), (B, O).
     """
@@ -54,88 +47,139 @@ class Batch:
     positive: Tensor
     positive_rotation: Tensor
     positive_width: Tensor
-    negative: Tensor
-    negative_rotation: Tensor
-    negative_counts: Tensor
+    judged: Tensor
+    judged_rotation: Tensor
+    judged_label: Tensor
+    judged_weight: Tensor
+    judged_counts: Tensor
     weak: Tensor
     weak_counts: Tensor
     point: Tensor
     occupied: Tensor
 
 
-def draw_batch(scenes: Sequence[SceneSample], sizes: BatchSizes, count: int, seed: Sequence[int]) -> Batch:
+def draw_batch(table: SceneTable, sizes: BatchSizes, count: int, generator: torch.Generator) -> Batch:
     """A batch of `count` random scenes, each with a random stored view, half of them mirrored in x."""
-    rng = np.random.default_rng(list(seed))
-    chosen = rng.integers(len(scenes), size=count)
-    return collate([draw_scene(scenes[i], sizes, rng, mirror=bool(rng.random() < 0.5)) for i in chosen])
+    scene = _integers(table.scenes, (count,), generator)
+    view = _integers(table.views, (count,), generator)
+    mirror = torch.rand(count, generator=generator, device=generator.device) < 0.5
+    return draw(table, sizes, scene, view, mirror, generator)
 
 
-def collate(items: Sequence[dict[str, NDArray[np.generic]]]) -> Batch:
-    """Stack the scenes of a batch."""
-    return Batch(**{k: torch.from_numpy(np.stack([item[k] for item in items])) for k in items[0]})
+def draw(
+    table: SceneTable, sizes: BatchSizes, scene: Tensor, view: Tensor, mirror: Tensor, generator: torch.Generator
+) -> Batch:
+    """The batch of given scenes and views (B,), mirrored in x where `mirror` (B,) says so.
 
-
-def draw_scene(
-    scene: SceneSample, sizes: BatchSizes, rng: np.random.Generator, mirror: bool = False, view: int | None = None
-) -> dict[str, NDArray[np.generic]]:
-    """The tensors of one scene as arrays (see `Batch`). Mirroring is exact: the gripper is its own mirror image."""
-    view = int(rng.integers(len(scene.grids))) if view is None else view
-    grid = scene.grids[view].astype(np.float32) / np.float32(255.0)
-    good, bad = np.flatnonzero(scene.kind == Kind.POSITIVE), np.flatnonzero(scene.kind != Kind.POSITIVE)
-    good, bad = _draw(good, sizes.positives, rng), _draw(bad, sizes.negatives, rng)
-    positives = scene.positives.astype(np.float32)
-    weak, weak_counts = _weak_negatives(scene, positives, sizes.weak, rng)
-    points = rng.choice(len(scene.points), size=sizes.occupancy, replace=False)
-    where = {
-        "positive": scene.position[good],
-        "negative": scene.position[bad],
+    Mirroring is exact: the gripper is its own mirror image.
+    """
+    kind, proposed = table.kind[scene], table.proposed[scene]
+    good = _choose((kind == Kind.POSITIVE) & ~proposed, sizes.positives, generator)[0]
+    groups = (
+        ((kind == Kind.COLLISION) & ~proposed, sizes.collisions),
+        ((kind == Kind.SLIP) & ~proposed, sizes.slips),
+        (proposed, sizes.proposals),
+    )
+    drawn = [_choose(mask, n, generator) for mask, n in groups if n]
+    judged, there = torch.cat([d[0] for d in drawn], 1), torch.cat([d[1] for d in drawn], 1)
+    position = table.position[scene]
+    positives = table.positives[scene].float()
+    rotation = _rotations(table.rows[scene])
+    judged_kind, contact = kind.gather(1, judged), table.contact[scene].gather(1, judged)
+    known = torch.stack([there, there & (contact != WithContact.UNKNOWN)], -1)
+    succeeds = torch.stack([judged_kind == Kind.POSITIVE, contact == WithContact.HOLDS], -1)
+    where_judged = _rows(position, judged)
+    far = _nearest(where_judged, positives) > CLEAR_OF_POSITIVE
+    weak, weak_counts = _weak_negatives(table, scene, positives, sizes.weak, generator)
+    point = _integers(table.points.shape[1], (len(scene), sizes.occupancy), generator)
+    places = {
+        "positive": _rows(position, good),
+        "judged": where_judged,
         "weak": weak,
-        "point": scene.points[points].astype(np.float32),
+        "point": _rows(table.points[scene].float(), point),
     }
-    rotation = _rotations(scene.rows)
-    if mirror:
-        grid = grid[::-1]
-        where = {k: p * MIRROR + MIRROR_SHIFT for k, p in where.items()}
-        rotation = rotation * MIRROR[:, None] * FINGERS_EXCHANGED
-    return {k: (p / np.float32(WORKSPACE_SIZE) - np.float32(0.5)).astype(np.float32) for k, p in where.items()} | {
-        "grid": np.ascontiguousarray(grid[None]),
-        "positive_rotation": rotation[good],
-        "positive_width": scene.width[good] / np.float32(WORKSPACE_SIZE),
-        "negative_rotation": rotation[bad],
-        "negative_counts": _nearest(scene.position[bad], positives) > CLEAR_OF_POSITIVE,
-        "weak_counts": weak_counts,
-        "occupied": scene.occupied[points].astype(np.float32),
-    }
+    grid = table.grids[scene, view].float() / 255.0
+    grid = torch.where(mirror[:, None, None, None], grid.flip(1), grid)
+    sign = torch.where(mirror, -1.0, 1.0)
+    rotation = _mirrored(rotation, mirror)
+    return Batch(
+        **{k: _normalised(p, sign) for k, p in places.items()},
+        grid=grid[:, None],
+        positive_rotation=_matrices(_rows(rotation.flatten(2), good)),
+        positive_width=table.width[scene].gather(1, good) / WORKSPACE_SIZE,
+        judged_rotation=_matrices(_rows(rotation.flatten(2), judged)),
+        judged_label=succeeds.float(),
+        judged_weight=known.float(),
+        judged_counts=(there & far & (judged_kind != Kind.POSITIVE)).float(),
+        weak_counts=weak_counts.float(),
+        occupied=table.occupied[scene].gather(1, point).float(),
+    )
 
 
-def _draw(index: NDArray[np.int64], count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """`count` of `index`, without repetition where there are enough."""
-    return rng.choice(index, size=count, replace=len(index) < count)
+def _integers(below: int, shape: tuple[int, ...], generator: torch.Generator) -> Tensor:
+    return torch.randint(below, shape, generator=generator, device=generator.device)
 
 
-def _rotations(rows: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rotations (N, 3, 3) from their first two rows (N, 6)."""
-    two = rows.reshape(-1, 2, 3)
-    third = np.cross(two[:, 0], two[:, 1])
-    return np.concatenate([two, third[:, None]], axis=1).astype(np.float32)
+def _choose(mask: Tensor, count: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Per row of `mask` (B, G) `count` members, without repetition where there are enough; and whether any is.
+
+    Returns indices (B, count) and (B, count), False in rows without a member.
+    """
+    key = torch.rand(mask.shape, generator=generator, device=generator.device).masked_fill(~mask, -1.0)
+    order = key.argsort(1, descending=True)
+    members = mask.sum(1, keepdim=True)
+    place = torch.arange(count, device=mask.device)[None] % members.clamp(min=1)
+    return order.gather(1, place), (members > 0).expand(-1, count)
+
+
+def _rows(values: Tensor, index: Tensor) -> Tensor:
+    """Rows of values (B, N, C) at index (B, M). (B, M, C)."""
+    return values.gather(1, index[..., None].expand(-1, -1, values.shape[-1]))
+
+
+def _rotations(rows: Tensor) -> Tensor:
+    """Rotations (..., 3, 3) from their first two rows (..., 6)."""
+    two = rows.view(*rows.shape[:-1], 2, 3)
+    third = torch.linalg.cross(two[..., 0, :], two[..., 1, :])
+    return torch.cat([two, third[..., None, :]], -2)
+
+
+def _matrices(flat: Tensor) -> Tensor:
+    """(..., 9) -> (..., 3, 3)."""
+    return flat.view(*flat.shape[:-1], 3, 3)
+
+
+def _mirrored(rotation: Tensor, mirror: Tensor) -> Tensor:
+    """Rotations (B, N, 3, 3) of mirrored scenes: rows mirrored in x, and the fingers exchanged."""
+    signs = torch.ones(3, 3, device=rotation.device)
+    signs[0] *= -1.0
+    signs[:, 1] *= -1.0
+    return torch.where(mirror[:, None, None, None], rotation * signs, rotation)
+
+
+def _normalised(p: Tensor, sign: Tensor) -> Tensor:
+    """Positions (B, N, 3) [m] in workspace units, centred; x mirrored where sign (B,) is -1."""
+    centred = p / WORKSPACE_SIZE - 0.5
+    return torch.cat([centred[..., :1] * sign[:, None, None], centred[..., 1:]], -1)
 
 
 def _weak_negatives(
-    scene: SceneSample, positives: NDArray[np.float32], count: int, rng: np.random.Generator
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    table: SceneTable, scene: Tensor, positives: Tensor, count: int, generator: torch.Generator
+) -> tuple[Tensor, Tensor]:
     """Points to be called bad unless near a positive, half uniform, half around surfaces; and which of them count."""
-    uniform = rng.random((count, 3)) * WORKSPACE_SIZE
-    near_surface = scene.points[len(scene.points) * 7 // 10 :]
-    base = near_surface[rng.integers(len(near_surface), size=count)].astype(np.float64)
-    around = base + rng.normal(scale=AROUND, size=base.shape)
-    points = np.clip(np.concatenate([uniform, around]), 0.0, WORKSPACE_SIZE).astype(np.float32)
+    shape = (len(scene), count, 3)
+    uniform = torch.rand(shape, generator=generator, device=generator.device) * WORKSPACE_SIZE
+    near_surface = table.points.shape[1] * 7 // 10
+    index = near_surface + _integers(table.points.shape[1] - near_surface, shape[:2], generator)
+    base = _rows(table.points[scene].float(), index)
+    around = base + AROUND * torch.randn(shape, generator=generator, device=generator.device)
+    points = torch.cat([uniform, around.clamp(0.0, WORKSPACE_SIZE)], 1)
     far = _nearest(points, positives) > WEAK_DISTANCE
-    order = np.argsort(~far + rng.random(len(far)) * 0.5)[:count]
-    return points[order], far[order]
+    key = torch.rand(far.shape, generator=generator, device=generator.device) * 0.5 + far
+    order = key.argsort(1, descending=True)[:, :count]
+    return _rows(points, order), far.gather(1, order)
 
 
-def _nearest(points: NDArray[np.float32], to: NDArray[np.float32]) -> Array:
-    """Distance from each point (N, 3) to the nearest of `to` (M, 3) [m]."""
-    square = (points**2).sum(1)[:, None] - 2.0 * points @ to.T + (to**2).sum(1)
-    nearest: Array = np.sqrt(np.maximum(square.min(axis=1), 0.0)).astype(np.float64)
-    return nearest
+def _nearest(points: Tensor, to: Tensor) -> Tensor:
+    """Distance from each point (B, N, 3) to the nearest of `to` (B, M, 3) [m]. (B, N)."""
+    return torch.cdist(points, to).amin(2)

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.errors import BadInput
-from evg_app.learning.labels import Kind, balance, sample_and_label
+from evg_app.learning.labels import Kind, LabelledGrasps, WithContact, balance, sample_and_label, with_contact
+from evg_app.learning.proposals import propose, try_all
 from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
 from evg_app.learning.solids import SceneSolids, Solid
 from evg_app.learning.surface import half_spaces, sample_occupancy, sample_surface
@@ -32,7 +33,7 @@ SHARD_SIZE = 50
 """Scenes per shard."""
 VALIDATION_EVERY = 20
 """Shards 0, 20, 40 ... hold scenes of validation objects only; the others of training objects only."""
-LABEL_RULE = 2
+LABEL_RULE = 3
 """Number of the labelling rule; part of what identifies a data set."""
 VALIDATION_SHARE = 46
 """Of 256: share of object names held out for validation."""
@@ -52,6 +53,9 @@ class GenerateConfig:
         grasps: positives, and negatives, stored per scene at most.
         slip_share: share of the negatives that are collision-free slips, where there are enough.
         points: occupancy samples per scene.
+        verified: share of the grasps that physics tries as well; its word counts.
+        weights: a network (weights file) whose own proposals are added, judged by physics; None for none.
+        proposals: how many of them per scene.
     """
 
     seed: int = 0
@@ -60,10 +64,13 @@ class GenerateConfig:
     pile_folders: tuple[str, ...] = ()
     kinds: tuple[float, float, float] = (0.40, 0.45, 0.15)
     mean_objects: float = 4.0
-    candidates: int = 3000
+    candidates: int = 2400
     grasps: int = 120
-    slip_share: float = 0.4
+    slip_share: float = 0.35
     points: int = 3072
+    verified: float = 0.02
+    weights: str | None = None
+    proposals: int = 24
 
     @property
     def shards(self) -> int:
@@ -74,6 +81,8 @@ class GenerateConfig:
         """Hash of all that determines a scene (not of how many there are)."""
         fields = {k: v for k, v in asdict(self).items() if k != "scenes"} | {"label_rule": LABEL_RULE}
         fields |= {k: [Path(p).name for p in fields[k]] for k in ("packed_folders", "pile_folders")}
+        if self.weights is not None:
+            fields["weights"] = hashlib.sha256(Path(self.weights).read_bytes()).hexdigest()
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -112,16 +121,18 @@ def make_shard(config: GenerateConfig, out: Path, index: int) -> None:
     validation = index % VALIDATION_EVERY == 0
     units = range(index * SHARD_SIZE, (index + 1) * SHARD_SIZE)
     scenes = [make_scene(config, unit, validation) for unit in units]
+    agreed = agreement([check for scene in scenes for check in scene.verified])
     meta = {
         "config": asdict(config),
         "digest": config.digest(),
         "validation": validation,
         "cpu_s": time.process_time() - cpu,
+        "agreement": agreed,
     }
     write_shard(out / shard_name(index), scenes, meta)
     counts = np.bincount(np.concatenate([s.kind for s in scenes]), minlength=3)
     log.info(
-        "%s: %d scenes%s, %d positives, %d slips, %d collisions, %.2f CPU-s and %.2f s per scene",
+        "%s: %d scenes%s, %d positives, %d slips, %d collisions, %.2f CPU-s and %.2f s per scene; physics agrees: %s",
         shard_name(index),
         len(scenes),
         " (validation)" if validation else "",
@@ -130,7 +141,20 @@ def make_shard(config: GenerateConfig, out: Path, index: int) -> None:
         counts[Kind.COLLISION],
         (time.process_time() - cpu) / len(scenes),
         (time.time() - start) / len(scenes),
+        ", ".join(f"{name} {good}/{tried}" for name, (good, tried) in agreed.items()),
     )
+
+
+def agreement(checks: Sequence[tuple[int, int, int, int]]) -> dict[str, tuple[int, int]]:
+    """For each kind of label, and for labels with contact allowed: (agreed with physics, tried)."""
+    table = np.array(checks, dtype=np.int64).reshape(-1, 4)
+    said, found, said_contact, found_contact = table.T
+    answer = {k.name.lower(): said == k for k in Kind}
+    counts = {name: (int((found[of] == said[of]).sum()), int(of.sum())) for name, of in answer.items()}
+    for name, value in (("holds_with_contact", WithContact.HOLDS), ("fails_with_contact", WithContact.FAILS)):
+        of = (said_contact == value) & (said == Kind.COLLISION)
+        counts[name] = (int((found_contact[of] == value).sum()), int(of.sum()))
+    return counts
 
 
 def make_scene(config: GenerateConfig, unit: int, validation: bool) -> SceneSample:
@@ -168,23 +192,54 @@ def _sample(config: GenerateConfig, state: SceneState, name: str, rng: np.random
     labelled = sample_and_label(scene, surface, config.candidates, rng)
     positives = labelled.T_task_grasp[labelled.kind == Kind.POSITIVE, :3, 3]
     chosen = balance(labelled, config.grasps, config.slip_share, rng)
+    contact = with_contact(scene, chosen)
+    chosen, contact, checks = _verify(state, chosen, contact, config.verified, rng)
     points, occupied = sample_occupancy(surface, planes, config.points, rng)
     views = draw_views(rng)
-    grids = scene_grids(SceneCaster(state), views, rng)
+    grids = quantise(scene_grids(SceneCaster(state), views, rng))
+    proposed = np.zeros(len(chosen.kind), dtype=np.bool_)
+    if config.weights is not None:
+        T, _ = propose(config.weights, grids.astype(np.float32) / np.float32(255.0), config.proposals, rng)
+        tried, tried_contact = try_all(state, T)
+        chosen, contact = chosen.join(tried), np.concatenate([contact, tried_contact])
+        proposed = np.concatenate([proposed, np.ones(len(tried_contact), dtype=np.bool_)])
     return SceneSample(
-        grids=quantise(grids),
+        grids=grids,
         views=tuple("/".join(v) for v in views),
         rows=_f32(chosen.T_task_grasp[:, :2, :3].reshape(-1, 6)),
         position=_f32(chosen.T_task_grasp[:, :3, 3]),
         width=_f32(chosen.width),
         kind=chosen.kind,
+        contact=contact,
+        proposed=proposed,
         positives=positives.astype(np.float16),
         points=points,
         occupied=occupied,
         name=name,
         objects=tuple(o.name for o in state.objects),
         placement=tuple(_placement(o) for o in state.objects),
+        verified=checks,
     )
+
+
+def _verify(
+    state: SceneState,
+    grasps: LabelledGrasps,
+    contact: NDArray[np.uint8],
+    share: float,
+    rng: np.random.Generator,
+) -> tuple[LabelledGrasps, NDArray[np.uint8], tuple[tuple[int, int, int, int], ...]]:
+    """Try a share of the grasps in physics, whose word counts; and for each what was said and what was found."""
+    chosen = rng.permutation(len(grasps.kind))[: round(share * len(grasps.kind))]
+    tried, found = try_all(state, grasps.T_task_grasp[chosen])
+    checks = tuple(
+        (int(a), int(b), int(c), int(d))
+        for a, b, c, d in zip(grasps.kind[chosen], tried.kind, contact[chosen], found, strict=True)
+    )
+    kind, width, contact = grasps.kind.copy(), grasps.width.copy(), contact.copy()
+    kind[chosen], contact[chosen] = tried.kind, found
+    width[chosen] = np.where(tried.kind == Kind.POSITIVE, tried.width, 0.08)
+    return LabelledGrasps(grasps.T_task_grasp, kind, width, grasps.owner), contact, checks
 
 
 def _placement(thing: SceneObject) -> tuple[str, float, tuple[float, ...]]:

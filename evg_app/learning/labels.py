@@ -21,6 +21,20 @@ class Kind(IntEnum):
     POSITIVE = 2
 
 
+class WithContact(IntEnum):
+    """Whether a grasp holds when its approach may touch something: the fingers then close where it stopped."""
+
+    FAILS = 0
+    HOLDS = 1
+    UNKNOWN = 2
+
+
+RETREAT_STEP, RETREATS = 0.004, 10
+"""Where a colliding approach stops is looked for in steps of [m], so many at most."""
+TOUCH_GAP = 0.0015
+"""Physics reports a contact at gaps up to this [m] (learning.md §1)."""
+
+
 @dataclass(frozen=True)
 class LabelledGrasps:
     """Grasps with their truth.
@@ -67,6 +81,26 @@ def label(scene: SceneSolids, T_task_grasp: Array) -> LabelledGrasps:
         np.full(len(hits), -1),
     )
     return judged.take(np.flatnonzero(hold.holds | hold.slips)).join(collided)
+
+
+def with_contact(scene: SceneSolids, grasps: LabelledGrasps) -> NDArray[np.uint8]:
+    """What each of the grasps does when touching is allowed, see `WithContact`. Shape (N,), uint8.
+
+    A colliding hand is moved back along its approach until it is free; there the fingers close.
+    """
+    answer = np.where(grasps.kind == Kind.POSITIVE, WithContact.HOLDS, WithContact.FAILS).astype(np.uint8)
+    waiting = np.flatnonzero(grasps.kind == Kind.COLLISION)
+    T = grasps.T_task_grasp[waiting].copy()
+    for _ in range(RETREATS):
+        if len(waiting) == 0:
+            break
+        T[:, :3, 3] -= RETREAT_STEP * T[:, :3, 2]
+        free = scene.clearance(T) > TOUCH_GAP
+        hold = check_holds(scene, T[free])
+        unknown = np.where(hold.slips, WithContact.FAILS, WithContact.UNKNOWN)
+        answer[waiting[free]] = np.where(hold.holds, WithContact.HOLDS, unknown)
+        waiting, T = waiting[~free], T[~free]
+    return answer
 
 
 def sample_and_label(

@@ -1,4 +1,4 @@
-"""Train EquiIGD on a folder of shards within a time budget, on one CPU core, resuming where it stopped."""
+"""Train a network on folders of shards within a time budget, on one CPU core or a GPU, resuming where it stopped."""
 
 import csv
 import json
@@ -7,19 +7,23 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from evg_app.errors import BadInput
+from evg_app.grasping.planner import torch_device
+from evg_app.grasping.weights import load_weights
 from evg_app.learning.batches import BatchSizes, draw_batch
 from evg_app.learning.dataset import SceneStore
 from evg_app.learning.ema import WeightAverage
-from evg_app.learning.losses import equiigd_losses
+from evg_app.learning.losses import Network, losses_of
 from evg_app.learning.metrics import evaluate
+from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
 from evg_app.nets.registry import build
 
@@ -51,6 +55,8 @@ class TrainConfig:
         validation_scenes: how many scenes to measure on.
         seed: of weights and batches.
         architecture, network: name and config of the network (nets.registry).
+        device: where torch trains, e.g. "cpu" or "cuda".
+        start: weights file to start from instead of random weights.
     """
 
     minutes: float = 60.0
@@ -68,6 +74,8 @@ class TrainConfig:
     seed: int = 0
     architecture: str = "equiigd"
     network: dict[str, Any] = field(default_factory=dict)
+    device: str = "cpu"
+    start: str | None = None
 
 
 def restart_with_allocator() -> None:
@@ -83,16 +91,17 @@ class Trainer:
 
     def __init__(self, config: TrainConfig, store: SceneStore, folder: Path) -> None:
         torch.set_num_threads(1)
+        torch.set_float32_matmul_precision("high")
         torch.manual_seed(config.seed)
-        model = build(config.architecture, config.network)
-        if not isinstance(model, EquiIGD):
-            raise BadInput(f"training of '{config.architecture}' is not available; use 'equiigd'")
-        self.config, self.store, self.folder, self.model = config, store, folder, model
+        model = _network(config)
+        if config.start is not None:
+            model.load_state_dict(load_weights(config.start)[0].state_dict())
+        self.config, self.store, self.folder, self.model = config, store, folder, model.to(torch_device(config.device))
         self.average = WeightAverage(model, config.ema)
         self.optimiser = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
         self.step, self.used_seconds, self.scene_visits = 0, 0.0, 0
         self.metrics: dict[str, float] = {}
-        self._recent: dict[str, float] = {}
+        self._recent: dict[str, Tensor] = {}
 
     @property
     def progress(self) -> float:
@@ -112,9 +121,10 @@ class Trainer:
         started = time.monotonic()
         for group in self.optimiser.param_groups:
             group["lr"] = self.rate()
-        batch = draw_batch(self.store.train, self.config.sizes, self.config.batch, (self.config.seed, self.step))
-        generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + self.step)
-        losses = equiigd_losses(self.model, batch, generator)
+        assert self.store.train is not None
+        generator = torch.Generator(self.store.device).manual_seed(self.config.seed * 1_000_003 + self.step)
+        batch = draw_batch(self.store.train, self.config.sizes, self.config.batch, generator)
+        losses = losses_of(self.model, batch, generator)
         total = torch.stack(list(losses.values())).sum()
         self.optimiser.zero_grad(set_to_none=True)
         total.backward()  # type: ignore[no-untyped-call]
@@ -127,22 +137,21 @@ class Trainer:
         self.step += 1
         self.scene_visits += self.config.batch
         self.used_seconds += time.monotonic() - started
-        self._note({k: float(v.detach()) for k, v in losses.items()})
+        self._note({k: v.detach() for k, v in losses.items()})
 
     def validate(self) -> dict[str, float]:
         """Measure the averaged weights and append a row to metrics.csv."""
-        scenes = self.store.validation[: self.config.validation_scenes]
-        averaged = build(self.config.architecture, self.config.network)
+        averaged = _network(self.config).to(torch_device(self.config.device))
         averaged.load_state_dict(self.average.state)
-        assert isinstance(averaged, EquiIGD)
-        self.metrics = evaluate(averaged, scenes) if scenes else {}
+        scenes = self.store.validation
+        self.metrics = evaluate(averaged, scenes, self.config.validation_scenes) if scenes is not None else {}
         row = {
             "step": self.step,
             "minutes": self.used_seconds / 60.0,
             "scene_visits": self.scene_visits,
-            "train_scenes": len(self.store.train),
+            "train_scenes": 0 if self.store.train is None else self.store.train.scenes,
             "rate": self.rate(),
-            **{f"loss_{k}": v for k, v in self._recent.items()},
+            **{f"loss_{k}": float(v) for k, v in self._recent.items()},
             **self.metrics,
         }
         _append_row(self.folder / "metrics.csv", row)
@@ -178,7 +187,7 @@ class Trainer:
         path = checkpoint_path(self.folder)
         if not path.exists():
             return False
-        state = torch.load(path, weights_only=True)
+        state = torch.load(path, weights_only=True, map_location=torch_device(self.config.device))
         other = json.loads(state["config"])
         mine = json.loads(json.dumps(asdict(self.config)))
         for key in ("architecture", "network", "seed", "batch", "sizes"):
@@ -191,7 +200,7 @@ class Trainer:
         self.scene_visits, self.metrics = state["scene_visits"], state["metrics"]
         return True
 
-    def _note(self, losses: dict[str, float]) -> None:
+    def _note(self, losses: dict[str, Tensor]) -> None:
         """Running means of the losses."""
         for key, value in losses.items():
             self._recent[key] = 0.98 * self._recent.get(key, value) + 0.02 * value
@@ -202,17 +211,29 @@ def checkpoint_path(folder: Path) -> Path:
     return folder / "checkpoint.pt"
 
 
-def train(config: TrainConfig, data: Path, folder: Path, stop: Callable[[], bool] = lambda: False) -> Path:
+def _network(config: TrainConfig) -> Network:
+    """The network to train, with random weights.
+
+    Raises:
+        BadInput: it cannot be trained.
+    """
+    model = build(config.architecture, config.network)
+    if not isinstance(model, EquiIGD | EquiGIGA):
+        raise BadInput(f"training of '{config.architecture}' is not available; use equiigd or equigiga")
+    return model
+
+
+def train(config: TrainConfig, data: Sequence[Path], folder: Path, stop: Callable[[], bool] = lambda: False) -> Path:
     """Train until the budget is used up (or `stop()`), taking in new shards on the way; returns the checkpoint's path.
 
     Raises:
         BadInput: no data, or the folder's checkpoint belongs to another training.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    store = SceneStore(data)
+    store = SceneStore(data, config.device)
     store.refresh()
-    if not store.train:
-        raise BadInput(f"{data} holds no training scenes yet; run evg-app generate --out {data} first")
+    if store.train is None:
+        raise BadInput(f"{data[0]} holds no training scenes yet; run evg-app generate --out {data[0]} first")
     trainer = Trainer(config, store, folder)
     resumed = trainer.load()
     log.info("%s at step %d, data: %s", "resumed" if resumed else "started", trainer.step, store.describe())

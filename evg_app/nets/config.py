@@ -63,6 +63,7 @@ class EquiIGDConfig(NetConfig):
         value_reg: regular copies of its values.
         antipodal_score: exchange of the fingers leaves the grasp score alone (ours).
         regressed_rotation: adds a regressed rotation as one more candidate (ours, not the paper's).
+        contact_score: adds a second grasp score, of succeeding when the fingers may touch on the approach (ours).
     """
 
     hidden: int = 16
@@ -74,3 +75,4 @@ class EquiIGDConfig(NetConfig):
     value_reg: int = 24
     antipodal_score: bool = True
     regressed_rotation: bool = True
+    contact_score: bool = False

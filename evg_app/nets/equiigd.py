@@ -35,7 +35,7 @@ class EquiIGD(nn.Module):
         self.rotation_attention = DeformableAttention(fibre, config.offsets, config.value_reg)
         self.flow = RotationFlow(fibre, flow, config.blocks, config.time_dim)
         self.score_attention = GraspAttention(fibre, flow, config.antipodal_score)
-        self.score_head = Head(fibre, hidden, LOGIT, config.blocks)
+        self.score_head = Head(fibre, hidden, Fibre(triv=2) if config.contact_score else LOGIT, config.blocks)
         self.rotation_head = Head(fibre, hidden, ROTATION, config.blocks) if config.regressed_rotation else None
 
     def encode(self, grid: Tensor) -> Features:
@@ -78,10 +78,19 @@ class EquiIGD(nn.Module):
         """`sample_rotation` with the context at hand, e.g. for several samples per point."""
         return self.flow.sample(c, noise, steps)
 
-    def grasp_score(self, features: Features, p: Tensor, rotation: Tensor) -> Tensor:
-        """Logit that the grasp at p with rotation (B, Q, 3, 3) succeeds. (B, Q)."""
+    def grasp_score(self, features: Features, p: Tensor, rotation: Tensor, allow_contact: bool = False) -> Tensor:
+        """Logit that the grasp at p with rotation (B, Q, 3, 3) succeeds. (B, Q).
+
+        With `allow_contact` the approach may touch something (then the fingers close where it stopped); a network
+        without a score of its own for that gives the strict one.
+        """
+        return self.grasp_scores(features, p, rotation)[..., -1 if allow_contact else 0]
+
+    def grasp_scores(self, features: Features, p: Tensor, rotation: Tensor) -> Tensor:
+        """Logits of `grasp_score`: strict, and where the network has it with contact allowed. (B, Q, 1 or 2)."""
         c = self.score_attention(features, p, rotation, sample(features, p))
-        return self._scalar(self.score_head, c)
+        scores: Tensor = self.score_head(c)
+        return scores
 
     def regress_rotation(self, features: Features, p: Tensor) -> Tensor:
         """One rotation per point as six numbers in row order, not orthonormal (ours). (B, Q, 6)."""

@@ -1,6 +1,7 @@
 """Depth noise models (spec §4.4) as pure functions; depth 0 (no measurement) stays 0.
 
 "gamma" (also "dex"): one factor Gamma(1000, 0.001) for the whole image, and half the time a smooth Gaussian field.
+"field": the gamma model without its common factor, which is what the table as a ruler leaves of it.
 "gaussian" (also "norm"): independent N(0, 0.8 mm) at every pixel. "none": as rendered.
 """
 
@@ -19,7 +20,7 @@ FIELD_PROBABILITY, FIELD_SIGMA, FIELD_STEP = 0.5, 0.005, 4
 """The smooth field: how often, standard deviation [m], pixels between its nodes."""
 GAUSSIAN_SIGMA = 0.0008
 """Of the "gaussian" model [m]."""
-NOISE_MODELS = ("gamma", "gaussian", "none")
+NOISE_MODELS = ("gamma", "field", "gaussian", "none")
 
 
 def add_noise(
@@ -39,8 +40,9 @@ def add_noise(
     if model not in (*NOISE_MODELS, "dex", "norm"):
         raise UnknownName("depth noise", model, list(NOISE_MODELS))
     noisy = depth.astype(np.float64)
-    if model in ("gamma", "dex"):
-        noisy *= rng.gamma(GAMMA_SHAPE, GAMMA_SCALE)
+    if model in ("gamma", "dex", "field"):
+        if model != "field":
+            noisy *= rng.gamma(GAMMA_SHAPE, GAMMA_SCALE)
         if rng.random() < FIELD_PROBABILITY:
             noisy += _smooth_field(rng, depth, pixels, image_shape)
     elif model in ("gaussian", "norm"):

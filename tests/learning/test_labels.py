@@ -7,7 +7,7 @@ from evg_app.geometry import TABLE_HEIGHT, Array, make, rotation_about
 from evg_app.learning.candidates import BOUNDS, MAX_RISE, along_normals, from_contacts, perturbed, turned
 from evg_app.learning.gripper import PAD_Z, finger_points, swept
 from evg_app.learning.holds import WIDTH_OFFSET, check_holds
-from evg_app.learning.labels import Kind, LabelledGrasps, balance, label, sample_and_label
+from evg_app.learning.labels import Kind, LabelledGrasps, WithContact, balance, label, sample_and_label, with_contact
 from evg_app.learning.solids import CLOSE, FREE, SWEEP, SceneSolids, Solid
 from evg_app.learning.surface import depth_inside, half_spaces, sample_occupancy, sample_surface
 from evg_app.simulation.convex import cuboid
@@ -108,6 +108,18 @@ def test_candidates_stay_in_the_workspace_and_come_from_above(box: list[Solid]) 
         assert (np.linalg.det(T[:, :3, :3]) > 0.99).all()
         assert T[:, :2, 3].min() > BOUNDS[0] and T[:, :2, 3].max() < BOUNDS[1]
         assert T[:, 2, 2].max() < MAX_RISE
+
+
+def test_hand_stopped_by_the_table_still_holds_when_contact_is_allowed() -> None:
+    low = [solid(cuboid([0.05, 0.03, 0.03], [0.15, 0.15, TABLE_HEIGHT + 0.015]))]
+    found = label(SceneSolids(low), top_down(TABLE_HEIGHT - 0.006)[None])
+    assert found.kind.tolist() == [Kind.COLLISION]
+    assert with_contact(SceneSolids(low), found).tolist() == [WithContact.HOLDS]
+
+
+def test_hand_stopped_above_the_box_fails_even_when_contact_is_allowed(box: list[Solid]) -> None:
+    found = label(SceneSolids(box), top_down(0.09, y=0.15 + 0.03)[None])
+    assert with_contact(SceneSolids(box), found).tolist() == [WithContact.FAILS]
 
 
 def test_thin_flat_objects_get_positives() -> None:

@@ -4,16 +4,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from evg_app.errors import BadInput
-from evg_app.learning.batches import BatchSizes, draw_batch, draw_scene
+from evg_app.learning.batches import Batch, BatchSizes, draw, draw_batch
 from evg_app.learning.dataset import SceneStore
 from evg_app.learning.generate import GenerateConfig, is_validation, object_pools
-from evg_app.learning.labels import Kind
+from evg_app.learning.labels import Kind, WithContact
 from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
+from evg_app.learning.tables import GRASPS, NO_KIND, SceneTable, table_of
 
 ROUNDING = 0.5 / 255.0 + 1e-7
-SIZES = BatchSizes(positives=8, negatives=8, weak=8, occupancy=16)
+SIZES = BatchSizes(positives=8, collisions=4, slips=8, proposals=4, weak=8, occupancy=16)
 
 
 def scene(seed: int = 0, grasps: int = 20) -> SceneSample:
@@ -30,13 +32,26 @@ def scene(seed: int = 0, grasps: int = 20) -> SceneSample:
         position=position,
         width=np.full(grasps, 0.03, dtype=np.float32),
         kind=kind,
+        contact=np.where(kind == Kind.POSITIVE, WithContact.HOLDS, WithContact.UNKNOWN).astype(np.uint8),
+        proposed=np.zeros(grasps, dtype=np.bool_),
         positives=position[kind == Kind.POSITIVE].astype(np.float16),
         points=rng.random((64, 3)).astype(np.float16) * np.float16(0.3),
         occupied=rng.random(64) < 0.2,
         name=f"pile/{seed}",
         objects=("mug_1", f"box_{seed}"),
         placement=(("objects/train/mug_1", 0.9, tuple(range(12))),),
+        verified=((2, 1, 1, 0),),
     )
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def drawn(table: SceneTable, mirror: bool = False) -> Batch:
+    """The first scene of a table seen through its first view."""
+    first = torch.tensor([0])
+    return draw(table, SIZES, first, first, torch.tensor([mirror]), generator(5))
 
 
 def test_shard_round_trip(tmp_path: Path) -> None:
@@ -46,8 +61,19 @@ def test_shard_round_trip(tmp_path: Path) -> None:
     assert meta["validation"] is False and [p.name for p in tmp_path.iterdir()] == ["shard_00001.npz"]
     for before, after in zip(scenes, back, strict=True):
         assert after.views == before.views and after.objects == before.objects and after.name == before.name
-        assert after.placement == before.placement
-        for key in ("grids", "rows", "position", "width", "kind", "positives", "points", "occupied"):
+        assert after.placement == before.placement and after.verified == before.verified
+        for key in (
+            "grids",
+            "rows",
+            "position",
+            "width",
+            "kind",
+            "contact",
+            "proposed",
+            "positives",
+            "points",
+            "occupied",
+        ):
             assert (getattr(after, key) == getattr(before, key)).all(), key
 
 
@@ -58,23 +84,25 @@ def test_truncated_shard_is_named_counted_and_skipped(tmp_path: Path) -> None:
     broken.write_bytes(broken.read_bytes()[:2000])
     with pytest.raises(CorruptShard, match=r"shard_00002\.npz"):
         read_shard(broken)
-    store = SceneStore(tmp_path)
+    store = SceneStore([tmp_path])
     assert store.refresh() == 1
-    assert store.corrupt == ["shard_00002.npz"] and len(store.train) == 1
+    assert store.corrupt == ["shard_00002.npz"] and store.train is not None and store.train.scenes == 1
     assert store.describe()["corrupt_shards"] == 1
 
 
 def test_store_takes_in_shards_as_they_appear(tmp_path: Path) -> None:
-    store = SceneStore(tmp_path)
+    store = SceneStore([tmp_path])
     write_shard(tmp_path / "shard_00000.npz", [scene(0)], {"validation": True})
-    assert store.refresh() == 1 and len(store.validation) == 1 and not store.train
+    assert store.refresh() == 1 and store.train is None
+    assert store.validation is not None and store.validation.scenes == 1
     write_shard(tmp_path / "shard_00001.npz", [scene(1)], {"validation": False})
-    assert store.refresh() == 1 and store.refresh() == 0 and len(store.train) == 1
+    assert store.refresh() == 1 and store.refresh() == 0
+    assert store.train is not None and store.train.scenes == 1
 
 
 def test_missing_data_folder_says_what_to_do(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="evg-app generate"):
-        SceneStore(tmp_path / "nothing").refresh()
+        SceneStore([tmp_path / "nothing"]).refresh()
 
 
 def test_quantisation_keeps_zero_and_is_fine_enough() -> None:
@@ -84,24 +112,45 @@ def test_quantisation_keeps_zero_and_is_fine_enough() -> None:
 
 
 def test_batch_is_a_function_of_seed_and_step() -> None:
-    scenes = [scene(k) for k in range(4)]
-    a, b = draw_batch(scenes, SIZES, 3, (1, 7)), draw_batch(scenes, SIZES, 3, (1, 7))
-    other = draw_batch(scenes, SIZES, 3, (1, 8))
+    scenes = table_of([scene(k) for k in range(4)])
+    a, b = draw_batch(scenes, SIZES, 3, generator(7)), draw_batch(scenes, SIZES, 3, generator(7))
+    other = draw_batch(scenes, SIZES, 3, generator(8))
     assert all((vars(a)[k] == vars(b)[k]).all() for k in vars(a))
     assert not (a.positive == other.positive).all()
     assert a.grid.shape == (3, 1, 40, 40, 40) and a.positive_rotation.shape == (3, 8, 3, 3)
 
 
 def test_mirroring_moves_grid_points_and_rotations_together() -> None:
-    one = scene(3)
-    plain = draw_scene(one, SIZES, np.random.default_rng(5), mirror=False, view=0)
-    mirrored = draw_scene(one, SIZES, np.random.default_rng(5), mirror=True, view=0)
-    assert (mirrored["grid"] == plain["grid"][:, ::-1]).all()
-    assert np.allclose(mirrored["positive"], plain["positive"] * [-1, 1, 1], atol=1e-6)
-    R, M = plain["positive_rotation"], mirrored["positive_rotation"]
-    assert np.allclose(np.linalg.det(M), 1.0, atol=1e-5)
-    assert np.allclose(M[:, :, 2], R[:, :, 2] * [-1, 1, 1], atol=1e-6)
-    assert np.allclose(np.abs((M[:, :, 1] * (R[:, :, 1] * [-1, 1, 1])).sum(1)), 1.0, atol=1e-5)
+    table, flip = table_of([scene(3)]), torch.tensor([-1.0, 1.0, 1.0])
+    plain, mirrored = drawn(table), drawn(table, mirror=True)
+    assert (mirrored.grid == plain.grid.flip(2)).all()
+    assert torch.allclose(mirrored.positive, plain.positive * flip, atol=1e-6)
+    R, M = plain.positive_rotation[0], mirrored.positive_rotation[0]
+    assert torch.allclose(torch.linalg.det(M), torch.ones(8), atol=1e-5)
+    assert torch.allclose(M[:, :, 2], R[:, :, 2] * flip, atol=1e-6)
+    assert torch.allclose((M[:, :, 1] * (R[:, :, 1] * flip)).sum(1).abs(), torch.ones(8), atol=1e-5)
+
+
+def test_batch_draws_grasps_of_the_scene_without_repetition_where_there_are_enough() -> None:
+    one, batch = scene(6), drawn(table_of([scene(6)]))
+    good = one.position[one.kind == Kind.POSITIVE]
+    found = (batch.positive[0].numpy() + 0.5) * 0.3
+    nearest = np.linalg.norm(found[:, None] - good[None], axis=2)
+    assert nearest.min(axis=1).max() < 1e-6 and len(set(nearest.argmin(axis=1).tolist())) == SIZES.positives
+
+
+def test_groups_that_a_scene_lacks_have_no_weight() -> None:
+    batch = drawn(table_of([scene(6)]))
+    weight = batch.judged_weight[0]
+    assert not weight[:4].any() and not weight[-4:].any()
+    assert (weight[4:12] == torch.tensor([1.0, 0.0])).all()
+
+
+def test_table_pads_what_is_short_and_keeps_what_is_there() -> None:
+    table = table_of([scene(0, 20), scene(1, 12)])
+    assert table.kind.shape == (2, GRASPS) and (table.kind[1, 12:] == NO_KIND).all()
+    assert np.array_equal(table.rows[1, :12].numpy(), scene(1, 12).rows)
+    assert table.join(table).scenes == 4
 
 
 def test_negatives_near_a_positive_do_not_count_for_graspness() -> None:
@@ -109,11 +158,11 @@ def test_negatives_near_a_positive_do_not_count_for_graspness() -> None:
     near = one.position.copy()
     near[1::2] = near[0::2] + np.float32(0.004)
     crowded = SceneSample(**(vars(one) | {"position": near, "positives": near[0::2].astype(np.float16)}))
-    drawn = draw_scene(crowded, SIZES, np.random.default_rng(0))
-    assert not drawn["negative_counts"].any()
-    weak = (drawn["weak"] + 0.5) * 0.3
+    batch = drawn(table_of([crowded]))
+    assert not batch.judged_counts.any()
+    weak = (batch.weak[0].numpy() + 0.5) * 0.3
     distance = np.linalg.norm(weak[:, None] - near[None, 0::2], axis=2).min(axis=1)
-    assert (distance[drawn["weak_counts"]] > 0.02 - 1e-3).all()
+    assert (distance[batch.weak_counts[0].numpy() > 0] > 0.02 - 1e-3).all()
 
 
 def test_no_object_is_in_both_splits() -> None:

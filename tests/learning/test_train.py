@@ -14,10 +14,11 @@ from evg_app.learning.batches import Batch, BatchSizes, draw_batch
 from evg_app.learning.dataset import SceneStore
 from evg_app.learning.ema import WeightAverage
 from evg_app.learning.export import export_weights
-from evg_app.learning.labels import Kind
-from evg_app.learning.losses import equiigd_losses, focal, rotation_distance
+from evg_app.learning.labels import Kind, WithContact
+from evg_app.learning.losses import focal, losses_of, rotation_distance
 from evg_app.learning.metrics import average_precision, evaluate
 from evg_app.learning.shards import SceneSample, write_shard
+from evg_app.learning.tables import SceneTable, table_of
 from evg_app.learning.train import ALLOCATOR, TrainConfig, Trainer, checkpoint_path, restart_with_allocator, train
 from evg_app.nets.registry import build
 
@@ -25,7 +26,8 @@ EXACT = 1e-6
 ANGLE = 0.3
 
 SMALL: dict[str, Any] = {"reg": [1, 2, 2], "hidden": 2, "blocks": 1, "flow_reg": 1, "flow_triv": 4, "value_reg": 2}
-SIZES = BatchSizes(positives=4, negatives=4, weak=4, occupancy=16)
+SMALL["contact_score"] = True
+SIZES = BatchSizes(positives=4, collisions=3, slips=2, proposals=2, weak=4, occupancy=16)
 CONFIG = TrainConfig(max_steps=6, batch=2, sizes=SIZES, warmup_steps=2, validation_scenes=1, network=SMALL)
 
 
@@ -34,6 +36,7 @@ def scene(seed: int) -> SceneSample:
     q, _ = np.linalg.qr(rng.normal(size=(12, 3, 3)))
     q *= np.sign(np.linalg.det(q))[:, None, None]
     kind = np.where(np.arange(12) % 2 == 0, Kind.POSITIVE, Kind.COLLISION).astype(np.uint8)
+    kind[9:] = Kind.SLIP
     position = rng.uniform(0.05, 0.25, (12, 3)).astype(np.float32)
     return SceneSample(
         grids=rng.integers(0, 255, (1, 40, 40, 40), dtype=np.uint8),
@@ -42,12 +45,18 @@ def scene(seed: int) -> SceneSample:
         position=position,
         width=np.full(12, 0.03, dtype=np.float32),
         kind=kind,
+        contact=np.where(kind == Kind.POSITIVE, WithContact.HOLDS, WithContact.FAILS).astype(np.uint8),
+        proposed=np.arange(12) == 11,
         positives=position[kind == Kind.POSITIVE].astype(np.float16),
         points=(rng.random((1200, 3)) * 0.3).astype(np.float16),
         occupied=rng.random(1200) < 0.2,
         name=f"pile/{seed}",
         objects=("mug_1",),
     )
+
+
+def table(*seeds: int) -> SceneTable:
+    return table_of([scene(seed) for seed in seeds])
 
 
 @pytest.fixture
@@ -60,7 +69,7 @@ def data(tmp_path: Path) -> Path:
 
 def trainer(data: Path, folder: Path, config: TrainConfig = CONFIG) -> Trainer:
     folder.mkdir(exist_ok=True)
-    store = SceneStore(data)
+    store = SceneStore([data])
     store.refresh()
     return Trainer(config, store, folder)
 
@@ -84,7 +93,7 @@ def test_resumed_training_equals_an_uninterrupted_one(data: Path, tmp_path: Path
 
 
 def test_train_export_and_load_give_the_averaged_network(data: Path, tmp_path: Path) -> None:
-    checkpoint = train(CONFIG, data, tmp_path / "out")
+    checkpoint = train(CONFIG, [data], tmp_path / "out")
     rows = (tmp_path / "out" / "metrics.csv").read_text().splitlines()
     assert len(rows) == 2 and "graspness_ap" in rows[0]
     card_path = export_weights(checkpoint, tmp_path / "small.safetensors", {"benchmark": None})
@@ -106,7 +115,7 @@ def test_other_seed_does_not_continue_a_checkpoint(data: Path, tmp_path: Path) -
 
 def test_no_data_yet_says_what_to_run(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="evg-app generate"):
-        train(CONFIG, tmp_path, tmp_path / "out")
+        train(CONFIG, [tmp_path], tmp_path / "out")
 
 
 def test_export_refuses_what_is_not_a_checkpoint(tmp_path: Path) -> None:
@@ -130,11 +139,11 @@ def test_learning_rate_warms_up_and_ends_low(data: Path, tmp_path: Path) -> None
 def test_a_few_steps_on_one_scene_lower_the_loss() -> None:
     torch.manual_seed(0)
     model = build("equiigd", SMALL)
-    batch = draw_batch([scene(1)], SIZES, 1, (0,))
+    batch = draw_batch(table(1), SIZES, 1, torch.Generator().manual_seed(0))
     optimiser = torch.optim.Adam(model.parameters(), lr=1e-2)
     totals = []
     for _ in range(30):
-        total = torch.stack(list(equiigd_losses(model, batch, torch.Generator().manual_seed(0)).values())).sum()
+        total = torch.stack(list(losses_of(model, batch, torch.Generator().manual_seed(0)).values())).sum()
         optimiser.zero_grad()
         total.backward()
         optimiser.step()
@@ -145,11 +154,11 @@ def test_a_few_steps_on_one_scene_lower_the_loss() -> None:
 def test_negatives_that_do_not_count_leave_graspness_alone() -> None:
     torch.manual_seed(0)
     model = build("equiigd", SMALL)
-    batch = draw_batch([scene(1)], SIZES, 1, (0,))
-    nothing = torch.zeros_like(batch.negative_counts)
-    moved = Batch(**(vars(batch) | {"negative_counts": nothing, "negative": batch.negative + 0.1}))
-    still = Batch(**(vars(batch) | {"negative_counts": nothing}))
-    losses = [equiigd_losses(model, b, torch.Generator().manual_seed(0))["graspness"].item() for b in (still, moved)]
+    batch = draw_batch(table(1), SIZES, 1, torch.Generator().manual_seed(0))
+    nothing = torch.zeros_like(batch.judged_counts)
+    moved = Batch(**(vars(batch) | {"judged_counts": nothing, "judged": batch.judged + 0.1}))
+    still = Batch(**(vars(batch) | {"judged_counts": nothing}))
+    losses = [losses_of(model, b, torch.Generator().manual_seed(0))["graspness"].item() for b in (still, moved)]
     assert losses[0] == pytest.approx(losses[1], abs=EXACT)
 
 
@@ -165,8 +174,9 @@ def test_rotation_distance_ignores_which_finger_is_which() -> None:
 
 def test_focal_loss_by_hand() -> None:
     logit, label = torch.tensor([np.log(3.0), np.log(3.0)]), torch.tensor([1.0, 0.0])
-    expected = np.mean([0.25**2 * -np.log(0.75), 0.75**2 * -np.log(0.25)])
-    assert float(focal(logit, label)) == pytest.approx(expected, abs=EXACT)
+    each = [0.25**2 * -np.log(0.75), 0.75**2 * -np.log(0.25)]
+    assert float(focal(logit, label, torch.ones(2))) == pytest.approx(np.mean(each), abs=EXACT)
+    assert float(focal(logit, label, torch.tensor([0.0, 1.0]))) == pytest.approx(each[1], abs=EXACT)
 
 
 def test_average_precision_by_hand() -> None:
@@ -178,7 +188,7 @@ def test_average_precision_by_hand() -> None:
 def test_metrics_are_repeatable_and_leave_the_network_alone() -> None:
     torch.manual_seed(0)
     model = build("equiigd", SMALL).train()
-    scenes = [scene(1), scene(2)]
+    scenes = table(1, 2)
     first = evaluate(model, scenes)
     assert first == evaluate(model, scenes) and model.training
     assert 0 <= first["graspness_ap"] <= 1 and 0 < first["flow_deg"] <= 180
