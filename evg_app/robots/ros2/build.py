@@ -18,6 +18,7 @@ GENERATORS = (
     "rosidl_cmake",
     "rosidl_generator_c",
     "rosidl_typesupport_fastrtps_c",
+    "rosidl_typesupport_introspection_c",
     "rosidl_typesupport_c",
     "rosidl_generator_py",
 )
@@ -34,7 +35,7 @@ set(CMAKE_INSTALL_RPATH "$ORIGIN;$ORIGIN/../../..")
 find_package(ament_cmake REQUIRED)
 {found}
 # rclpy needs C and Python only.
-list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "cpp|introspection")
+list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "cpp")
 rosidl_generate_interfaces(${{PROJECT_NAME}} {files} DEPENDENCIES {dependencies})
 ament_package()
 """

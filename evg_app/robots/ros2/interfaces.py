@@ -1,6 +1,7 @@
 """Where ROS interface packages come from: a ROS installation, pip wheels, or what `evg-app ros build` made."""
 
 import ctypes
+import functools
 import hashlib
 import importlib
 import importlib.util
@@ -39,6 +40,7 @@ class MissingInterfaces(BadInput):
         )
 
 
+@functools.cache
 def build_folder() -> Path:
     """Where built packages are kept: one folder per Python, generator version and definitions."""
     digest = hashlib.sha256()
@@ -82,6 +84,7 @@ def rclpy() -> Any:
         ) from error
 
 
+@functools.cache
 def interface(module: str, name: str) -> Any:
     """A message, service or action class: `interface("control_msgs.action", "FollowJointTrajectory")`.
 
@@ -107,12 +110,14 @@ def _activate() -> None:
 
 
 def _preload(package: str) -> None:
-    """Load a built package's library by its path: the middleware asks for it by name, and then finds it loaded."""
-    library = build_folder() / "lib" / f"lib{package}__rosidl_typesupport_fastrtps_c.so"
+    """Load a built package's libraries by their paths: the middleware asks by name, and then finds them loaded."""
     module = importlib.util.find_spec(package)
-    built = module is not None and str(module.origin).startswith(str(build_folder()))
-    if built and library.is_file() and str(library) not in _loaded:
-        _loaded[str(library)] = ctypes.CDLL(str(library))
+    if package in _loaded or module is None or not str(module.origin).startswith(str(build_folder())):
+        return
+    folder = build_folder() / "lib"
+    _loaded[package] = [
+        ctypes.CDLL(str(path)) for path in sorted(folder.glob(f"lib{package}__rosidl_typesupport_*.so"))
+    ]
 
 
-_loaded: dict[str, ctypes.CDLL] = {}
+_loaded: dict[str, list[ctypes.CDLL]] = {}
