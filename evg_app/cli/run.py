@@ -10,11 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from evg_app.cli import hardware_arguments
 from evg_app.cli.arguments import count, seeds
 from evg_app.cli.console import hushed, say
-from evg_app.config.files import load_camera, load_robot, load_world
+from evg_app.config.files import load_robot, load_world
 from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
-from evg_app.errors import BadInput, HardwareError
+from evg_app.errors import BadInput
 
 DEFAULT_SCENE = "packed"
 PLANNER_THREADS = 1
@@ -33,7 +34,12 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser = verbs.add_parser("run", help="pick objects off the table and log every trial", description=__doc__)
     parser.add_argument("--sim", action="store_true", help="PyBullet stands in for arm, gripper and camera")
     parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
-    parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
+    parser.add_argument(
+        "--camera",
+        default="d435i",
+        metavar="NAME",
+        help="robot_configs/NAME.yaml (default: d435i), or replay/FILE.db3 or replay/RUN_FOLDER",
+    )
     parser.add_argument(
         "--model",
         default="equiigd",
@@ -62,15 +68,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     sim.add_argument(
         "--speed", type=_speed, metavar="X", help="pace at X times real time (default: as fast as it goes)"
     )
+    hardware_arguments.add_arguments(parser)
     parser.set_defaults(run=run)
-
-
-def _hardware(args: argparse.Namespace, robot: RobotConfig) -> int:
-    """There are no hardware drivers in this version."""
-    raise HardwareError(
-        f"this version has no driver for robot '{args.robot}' ({robot.driver}) and camera '{args.camera}'; "
-        "only the simulated stand-in can run. Run: evg-app run --sim"
-    )
 
 
 def _json_target(path: Path | None) -> None:
@@ -87,7 +86,7 @@ def snapshot(args: argparse.Namespace, *models: RobotConfig | CameraConfig | Wor
     """Everything that configures a run, for the log."""
     given = {key: str(value) if isinstance(value, Path) else value for key, value in vars(args).items() if key != "run"}
     names = ("robot", "camera", "world")
-    return {"arguments": given} | {n: m.model_dump(mode="json") for n, m in zip(names, models, strict=True)}
+    return {"arguments": given} | {n: m.model_dump(mode="json") for n, m in zip(names, models, strict=False)}
 
 
 def run(args: argparse.Namespace) -> int:
@@ -96,12 +95,39 @@ def run(args: argparse.Namespace) -> int:
     Raises:
         EvgError: bad input, refusal or hardware, each with its exit code.
     """
-    robot, camera = load_robot(args.robot, args.config_dir), load_camera(args.camera, args.config_dir)
-    if not args.sim:
-        return _hardware(args, robot)
-    world_config = load_world(args.scene, args.config_dir)
+    robot = load_robot(args.robot, args.config_dir)
+    camera = hardware_arguments.camera_config_of(args.camera, args.config_dir)
     _json_target(args.json)
-    return _simulate(args, robot, camera, world_config)
+    if not args.sim:
+        return _on_hardware(args, robot, camera)
+    hardware_arguments.refuse_with_sim(args)
+    return _simulate(args, robot, camera, load_world(args.scene, args.config_dir))
+
+
+def _on_hardware(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig) -> int:
+    import torch
+
+    calibration = hardware_arguments.require_ready(robot, camera, args.config_dir)
+    with hushed():
+        from evg_app.cli.real_run import run_real
+    from evg_app.cli.progress import Progress
+    from evg_app.events import fan_out
+    from evg_app.grasping.load import load_planner
+    from evg_app.motion.feasibility import MotionPlanner
+    from evg_app.trials.folder import default_name
+    from evg_app.trials.recorder import Recorder
+
+    torch.set_num_threads(PLANNER_THREADS)
+    planner, motion = load_planner(args.model, args.weights, args.device), MotionPlanner(robot)
+    folder = args.run_dir or default_name()
+    config = snapshot(args, robot, camera) | {"calibration": calibration.model_dump(mode="json")}
+    with Recorder(folder, config) as recorder:
+        sink = fan_out(recorder, Progress())
+        result = run_real(args, robot, camera, calibration, planner, motion, sink, folder)
+    _report(folder, args.json)
+    if result.error is not None:
+        raise result.error
+    return result.exit_code
 
 
 def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, world_config: WorldConfig) -> int:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from evg_app.geometry import Array
+from evg_app.quintic import evaluate, quintics
 
 BLEND_S = 0.5
 """Over this long the gap between where the trajectory and where the controller starts is faded out [s]."""
@@ -53,31 +54,9 @@ class Profile:
     def sampled(self, dt: float) -> Array:
         """Set points every `dt` [s], the last one at the end. Shape (N, J)."""
         s = np.append(np.arange(0.0, self.duration - 1e-9, dt), self.duration)
-        k = np.minimum((s / self._dt).astype(np.int64), self._last)
-        u = s / self._dt - k
-        powers = np.stack([u**n for n in range(6)], axis=1)
-        q: Array = np.einsum("np,npj->nj", powers, self._coefficients[k])
+        q = evaluate(self._coefficients, s / self._dt)
         x = np.minimum(s / self._blend, 1.0)[:, None]
         return q + self._gap * (1.0 - x**3 * (10.0 - 15.0 * x + 6.0 * x * x))
-
-
-def quintics(q: Array, dq: Array, ddq: Array, dt: float) -> Array:
-    """Coefficients of the quintic Hermite piece between neighbouring samples, in u = t/dt. Shape (M-1, 6, J)."""
-    q0, q1 = q[:-1], q[1:]
-    v0, v1 = dq[:-1] * dt, dq[1:] * dt
-    a0, a1 = ddq[:-1] * dt * dt, ddq[1:] * dt * dt
-    d = q1 - q0
-    return np.stack(
-        [
-            q0,
-            v0,
-            a0 / 2,
-            10 * d - 6 * v0 - 4 * v1 - 1.5 * a0 + 0.5 * a1,
-            -15 * d + 8 * v0 + 7 * v1 + 1.5 * a0 - a1,
-            6 * d - 3 * v0 - 3 * v1 - 0.5 * a0 + 0.5 * a1,
-        ],
-        axis=1,
-    )
 
 
 class Pace:
