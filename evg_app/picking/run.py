@@ -1,6 +1,6 @@
 """A run: rounds for each seed, until they are done, the user stops, or a device gives up."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from evg_app.errors import EvgError, HardwareError, Stopped
@@ -32,23 +32,30 @@ class RunResult:
         return Stopped.exit_code if self.stopped else 0
 
 
-def run_rounds(ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int) -> RunResult:
-    """Run `count` rounds for each seed. The devices are already entered; Ctrl-C is handled here.
+def run_rounds(
+    ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int, done: Collection[tuple[int, int]] = ()
+) -> RunResult:
+    """Run `count` rounds for each seed, without those (seed, index) that were `done` in an earlier session.
+
+    The devices are already entered; Ctrl-C is handled here.
 
     Raises:
         EvgError: from `rounds.prepare`; anything unexpected is raised after the devices were stopped.
     """
     with ctx.stop.on_sigint():
-        return _run(ctx, rounds, tuple(seeds), count)
+        return _run(ctx, rounds, tuple(seeds), count, done)
 
 
-def _run(ctx: Context, rounds: Rounds, seeds: tuple[int, ...], count: int) -> RunResult:
+def _run(
+    ctx: Context, rounds: Rounds, seeds: tuple[int, ...], count: int, before: Collection[tuple[int, int]]
+) -> RunResult:
     emitter = Emitter(ctx.sink, ctx.stop)
     emitter.emit(RunStarted(seeds, count, ctx.planner.name, ctx.planner.weights_sha256))
     done: list[RoundResult] = []
     status, detail = "error", "ended unexpectedly"
     try:
-        _all_rounds(ctx, emitter, rounds, [(s, i) for s in seeds for i in range(count)], done)
+        units = [(s, i) for s in seeds for i in range(count) if (s, i) not in before]
+        _all_rounds(ctx, emitter, rounds, units, done)
         status, detail = _status(ctx, emitter, done)
     except Stopped as error:
         status, detail = "stopped by the user", str(error)

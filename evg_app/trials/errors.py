@@ -4,7 +4,7 @@ from evg_app.errors import EvgError
 
 
 class LogError(EvgError):
-    """The trial log cannot be written (disk full, gone, read-only). Exit 4: the arm was stopped safely.
+    """The trial log cannot be written (disk full, gone, read-only). Exit 4: the arm was brought to rest first.
 
     Attributes:
         folder: the run folder.
@@ -14,4 +14,7 @@ class LogError(EvgError):
 
     def __init__(self, folder: str, problem: str) -> None:
         self.folder = folder
-        super().__init__(f"cannot write the trial log in {folder}: {problem}. Free space there, then start a new run")
+        super().__init__(
+            f"cannot write the trial log in {folder}: {problem}. "
+            "Free space there or make it writable, then go on with --run-dir and --resume"
+        )

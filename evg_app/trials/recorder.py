@@ -11,7 +11,8 @@ from evg_app.trials.arrays import Gathered, write_atomically, write_json
 from evg_app.trials.errors import LogError
 from evg_app.trials.film import Film
 from evg_app.trials.pictures import draw, png
-from evg_app.trials.store import TrialStore
+from evg_app.trials.schema import open_to_write
+from evg_app.trials.store import Placement, TrialStore
 from evg_app.trials.summary import summary
 
 FILM_FILE = "run.gif"
@@ -25,9 +26,11 @@ class Recorder:
         folder: a run folder that does not exist yet or is empty.
         config: JSON-able snapshot of everything that configures the run.
         film: gets the pictures of the attempts unless `pictures_in_film` is False; others may add to it.
+        resume: go on in a folder that holds an earlier session.
+        placement: what a round (seed, index) asks of the operator.
 
     Raises:
-        BadInput: the folder exists with content or cannot be written.
+        BadInput: the folder exists with content (or, to resume, without a log) or cannot be written.
         LogError: later, from an event, when the disk does not take it.
     """
 
@@ -38,9 +41,13 @@ class Recorder:
         facts: Mapping[str, Any] | None = None,
         film: Film | None = None,
         pictures_in_film: bool = True,
+        resume: bool = False,
+        placement: Placement | None = None,
     ) -> None:
-        self.folder = folders.make(folder)
-        self.store = TrialStore(self.folder, config, facts)
+        self.folder = folder if resume else folders.make(folder)
+        if resume:
+            open_to_write(folder).close()
+        self.store = TrialStore(self.folder, config, facts, placement)
         self.film = Film() if film is None else film
         self._pictures_in_film = pictures_in_film
         self._gathered, self._label = Gathered(), ""

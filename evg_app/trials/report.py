@@ -61,6 +61,8 @@ def _reasons(facts: Mapping[str, Any]) -> list[str]:
     table = facts["confusion"]
     return [
         f"rounds ended      {_counts(facts['stop_reasons'])}",
+        f"no feasible grasp {rate(facts['no_feasible']['rounds'], facts['no_feasible']['of'])}"
+        "   of the rounds in which the planner had grasps",
         f"failures          {_counts(facts['failure_reasons'])}",
         f"candidates        {_counts(facts['verdicts'])}",
         "verify vs truth   "

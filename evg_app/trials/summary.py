@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from pathlib import Path
 from typing import Any
 
-from evg_app.events import COMPUTE_STAGES
+from evg_app.events import COMPUTE_STAGES, StopReason
 from evg_app.trials import schema
 from evg_app.trials.bootstrap import cluster_bootstrap, design_effect
 from evg_app.trials.reasons import reason, tree
@@ -45,6 +45,7 @@ def summarise(rows: LogRows) -> dict[str, Any]:
             for row in rows.passes
         ),
         "verdicts": dict(sorted(verdicts.items(), key=lambda item: (-item[1], item[0]))),
+        "no_feasible": _no_feasible(rows),
         "confusion": confusion([(bool(row["verified"]), bool(row["truth"])) for row in _judged(rows)]),
         "round_rows": _rounds(rows),
         **_origin(rows),
@@ -74,6 +75,13 @@ def _rates(rows: LogRows) -> dict[str, Any]:
         "rounds": len(rows.rounds),
         "rounds_begun_again": rows.superseded,
     }
+
+
+def _no_feasible(rows: LogRows) -> dict[str, Any]:
+    """Rounds that ended "no feasible grasp" although the planner had some, of the rounds in which it had some."""
+    had = {key(row) for row in rows.passes if row["candidates"]}
+    ended = [row for row in rows.rounds if key(row) in had and row["stop_reason"] == StopReason.NO_FEASIBLE]
+    return {"rounds": len(ended), "of": len(had), "ci": list(wilson(len(ended), len(had)))}
 
 
 def _listed(interval: tuple[float, float] | None) -> list[float] | None:

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from evg_app.cli.trials import check, compare, replay, stats
+from evg_app.cli.trials import check, compare, label, replay, stats
 from evg_app.cli.trials.common import write_json_file as write_json_file
 
-VERBS = (stats, compare, replay, check)
+VERBS = (stats, compare, replay, label, check)
 
 
 def add_parser(subparsers: Any) -> None:
