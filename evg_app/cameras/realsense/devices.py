@@ -7,17 +7,20 @@ from typing import Any
 from evg_app.errors import BadInput, HardwareError
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
+"""Where Linux lists what is on USB."""
 VENDOR = "8086"
 PRODUCTS = {
     "0ad1": "D400",
     "0ad2": "D410",
     "0ad3": "D415",
     "0ad4": "D430",
+    "0ad6": "D4xx on USB 2",
     "0b07": "D435",
     "0b3a": "D435i",
     "0b5b": "D405",
     "0b5c": "D455",
     "0adb": "D4xx in recovery mode",
+    "0adc": "D4xx in recovery mode on USB 2",
 }
 """USB product ids of the D400 family."""
 USB_ADVICE = "Plug it into a USB 3 port and run: evg-app camera list"
@@ -88,10 +91,10 @@ def reset_device(rs: Any, serial: str) -> None:
             device.hardware_reset()
 
 
-def seen_on_usb(folder: Path = USB_DEVICES) -> tuple[str, ...]:
+def seen_on_usb() -> tuple[str, ...]:
     """Models of the D400 cameras that the kernel sees on USB, whether or not we may open them."""
     models = []
-    for product in sorted(folder.glob("*/idProduct")):
+    for product in sorted(USB_DEVICES.glob("*/idProduct")):
         vendor = product.with_name("idVendor")
         model = PRODUCTS.get(product.read_text().strip().lower())
         if model and vendor.is_file() and vendor.read_text().strip().lower() == VENDOR:
@@ -99,7 +102,7 @@ def seen_on_usb(folder: Path = USB_DEVICES) -> tuple[str, ...]:
     return tuple(models)
 
 
-def choose(rs: Any, serial: str, usb: Path = USB_DEVICES) -> CameraInfo:
+def choose(rs: Any, serial: str) -> CameraInfo:
     """The camera with that serial number, or the only one when `serial` is empty.
 
     Raises:
@@ -111,11 +114,11 @@ def choose(rs: Any, serial: str, usb: Path = USB_DEVICES) -> CameraInfo:
         for info in found:
             if info.serial == serial:
                 return info
-        raise HardwareError(f"no camera with serial {serial}; {_known(found)}. {_absent(found, usb)}")
+        raise HardwareError(f"no camera with serial {serial}; {_known(found)}. {_absent(found)}")
     if len(found) > 1:
         raise BadInput(f"{_known(found)}. Name one: set realsense.serial in the camera's YAML, or use --serial")
     if not found:
-        raise HardwareError(f"no RealSense camera. {_absent(found, usb)}")
+        raise HardwareError(f"no RealSense camera. {_absent(found)}")
     return found[0]
 
 
@@ -124,8 +127,8 @@ def _known(found: tuple[CameraInfo, ...]) -> str:
     return f"connected: {listed or 'none'}"
 
 
-def _absent(found: tuple[CameraInfo, ...], usb: Path) -> str:
-    models = seen_on_usb(usb)
+def _absent(found: tuple[CameraInfo, ...]) -> str:
+    models = seen_on_usb()
     if len(models) > len(found):
         return (
             f"The kernel sees a {models[0]} that this user may not open, or another program holds it. "
