@@ -10,7 +10,7 @@ from picking_fakes import Lab
 
 from evg_app.cli import trials as verb
 from evg_app.errors import BadInput
-from evg_app.events import AttemptFinished, Judged
+from evg_app.events import AttemptFinished, Judged, RoundStarted
 from evg_app.trials import arrays
 from evg_app.trials.recorder import Recorder
 from evg_app.trials.report import report
@@ -69,6 +69,21 @@ def test_without_a_grasp_there_is_no_attempt_but_a_pass(tmp_path):
     assert (facts["attempts"], facts["passes"], facts["gsr"]) == (0, 1, 0.0)
     assert facts["verdicts"] == {"ik": 3} and facts["compute_ms"]["median"] is None
     assert "0/0 = no trial" in report(facts)
+
+
+def test_rounds_without_a_feasible_grasp_are_counted_where_the_planner_had_some(tmp_path):
+    lab = Lab(script="SSSSS", objects=2)
+    lab.motion_planner.refuses = True
+    turn = iter([True, False, False])
+    lab.listeners.append(
+        lambda e: setattr(lab.motion_planner, "refuses", next(turn)) if isinstance(e, RoundStarted) else None
+    )
+    with Recorder(tmp_path / "run", {}, FACTS) as recorder:
+        lab.listeners.append(recorder)
+        lab.run(rounds=3)
+    facts = summary(tmp_path / "run")
+    assert (facts["no_feasible"]["rounds"], facts["no_feasible"]["of"]) == (1, 3)
+    assert "no feasible grasp 1/3 = 33.3 %" in report(facts)
 
 
 def test_the_arrays_of_an_attempt_are_what_the_loop_saw(tmp_path):
