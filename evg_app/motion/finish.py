@@ -17,6 +17,7 @@ from evg_app.motion.plan import PickPlan
 from evg_app.motion.route import Router
 from evg_app.motion.scene import Scene
 from evg_app.motion.trajectory import time_path
+from evg_app.motion.verify import verify_joined
 from evg_app.types import Verdict
 
 MAX_LEGS = 4
@@ -105,7 +106,7 @@ class Finisher:
     ) -> PickPlan | None:
         robot, carrying = self._robot, self._robot.limits.carry_scale
         try:
-            return PickPlan(
+            plan = PickPlan(
                 T_base_grasp=leg.T_base_grasp,
                 reach=time_path(reach, robot),
                 approach=time_path(leg.approach, robot),
@@ -114,5 +115,8 @@ class Finisher:
                 retreat=time_path(retreat, robot),
                 back=time_path(back, robot),
             )
+            verify_joined((plan.reach, plan.approach, plan.lift, plan.transport, plan.back), robot)
+            verify_joined((plan.lift, plan.retreat), robot)
         except (Refused, LimitViolation):
             return None
+        return plan
