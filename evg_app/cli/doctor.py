@@ -15,7 +15,7 @@ from pathlib import Path
 
 from evg_app.cli.console import say
 from evg_app.config.files import cache_folder, load_camera, load_robot, load_world, shipped_folder
-from evg_app.errors import EvgError
+from evg_app.errors import EvgError, HardwareError
 
 CORE = ("numpy", "scipy", "torch", "open3d", "pinocchio", "coal", "ruckig", "pybullet", "trimesh", "safetensors")
 LIBRARIES = {
@@ -142,12 +142,13 @@ def check_camera() -> Iterator[Finding]:
     except ImportError:
         yield Finding("camera", "note", "cannot look: pyrealsense2 is not installed", "Run: ./setup.sh realsense")
         return
-    names = [d.get_info(pyrealsense2.camera_info.name) for d in pyrealsense2.context().query_devices()]
-    if names:
-        yield Finding("camera", "ok", ", ".join(names))
-    else:
-        advice = "Plug it into a USB 3 port; check `lsusb | grep 8086` and the librealsense udev rules"
-        yield Finding("camera", "note", "no RealSense on USB", advice)
+    from evg_app.cameras.realsense.devices import list_cameras, require_any
+
+    try:
+        found = require_any(list_cameras(pyrealsense2))
+        yield Finding("camera", "ok", ", ".join(f"{info.name} {info.serial} on USB {info.usb}" for info in found))
+    except HardwareError as error:
+        yield Finding("camera", "note", "no RealSense on USB", str(error))
 
 
 def check_robot() -> Iterator[Finding]:
@@ -187,19 +188,47 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     """Declare the verb."""
     parser = verbs.add_parser("doctor", help="say what is installed, missing or unreachable, and how to mend it")
     parser.add_argument("--json", type=Path, metavar="FILE", help="also write the findings as JSON")
+    parser.add_argument(
+        "--camera", nargs="?", const="d435i", metavar="NAME", help="open this camera and judge its depth (d435i)"
+    )
+    parser.add_argument("--serial", default="", metavar="S", help="with --camera: which of several cameras")
+    parser.add_argument("--replay", type=Path, metavar="PATH", help="with --camera: a recording or run folder instead")
+    parser.add_argument("--robot", default="panda", metavar="NAME", help="with --camera: whose calibration is used")
+    parser.add_argument("--config-dir", type=Path, metavar="DIR", help="your own robot_configs/ and calibration/")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the findings. Returns 0 when evg-app can run in simulation, else 2."""
+    """Print the findings. Returns 0 when evg-app can run in simulation (or with `--camera` the camera can), else 2."""
+    if args.camera:
+        return _run_camera(args)
     found = findings()
     for finding in found:
-        mark = {"ok": "ok   ", "note": "note ", "fault": "FAULT"}[finding.status]
-        say(f"{mark}  {finding.check:<18} {finding.detail}")
-        if finding.mend:
-            say(f"       {'':<18} -> {finding.mend}")
+        _print(finding)
     if args.json:
         args.json.write_text(json.dumps([asdict(f) for f in found], indent=2) + "\n")
     faults = sum(f.status == "fault" for f in found)
     say(f"{faults} fault(s); " + ("evg-app run --sim cannot run" if faults else "evg-app run --sim can run"))
     return 2 if faults else 0
+
+
+def _print(finding: Finding) -> None:
+    mark = {"ok": "ok   ", "note": "note ", "fault": "FAULT"}[finding.status]
+    say(f"{mark}  {finding.check:<18} {finding.detail}")
+    if finding.mend:
+        say(f"       {'':<18} -> {finding.mend}")
+
+
+def _run_camera(args: argparse.Namespace) -> int:
+    """Open the camera and judge it; every finding is printed as it comes. Returns 0, or 4 when it cannot be used."""
+    from evg_app.cli.camera_check import examine
+
+    found = []
+    for finding in examine(args):
+        _print(finding)
+        found.append(finding)
+    if args.json:
+        args.json.write_text(json.dumps([asdict(f) for f in found], indent=2) + "\n")
+    faults = sum(f.status == "fault" for f in found)
+    say(f"{faults} fault(s); camera '{args.camera}' " + ("cannot be used yet" if faults else "can be used"))
+    return HardwareError.exit_code if faults else 0

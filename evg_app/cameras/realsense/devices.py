@@ -23,7 +23,7 @@ PRODUCTS = {
     "0adc": "D4xx in recovery mode on USB 2",
 }
 """USB product ids of the D400 family."""
-USB_ADVICE = "Plug it into a USB 3 port and run: evg-app camera list"
+USB_ADVICE = "Plug it into a USB 3 port, look for it with `lsusb -d 8086:`, and run: evg-app camera list"
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,18 @@ def choose(rs: Any, serial: str) -> CameraInfo:
         raise HardwareError(f"no camera with serial {serial}; {_known(found)}. {_absent(found)}")
     if len(found) > 1:
         raise BadInput(f"{_known(found)}. Name one: set realsense.serial in the camera's YAML, or use --serial")
+    return require_any(found)[0]
+
+
+def require_any(found: tuple[CameraInfo, ...]) -> tuple[CameraInfo, ...]:
+    """The cameras that were found.
+
+    Raises:
+        HardwareError: none were; says whether the kernel sees one that we may not open.
+    """
     if not found:
         raise HardwareError(f"no RealSense camera. {_absent(found)}")
-    return found[0]
+    return found
 
 
 def _known(found: tuple[CameraInfo, ...]) -> str:
