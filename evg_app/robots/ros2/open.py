@@ -38,17 +38,20 @@ class Ros2Robot:
                 lambda: self.link.node.create_subscription(kind, self.stop_topic, lambda _: stop(), 10),
                 f"listening to {self.stop_topic}",
             )
-            yield
-            if self.link.alive:
-                self.link.call(lambda: self.link.node.destroy_subscription(subscription), "leaving the stop topic")
+            try:
+                yield
+            finally:
+                if self.link.alive:
+                    self.link.call(lambda: self.link.node.destroy_subscription(subscription), "leaving the stop topic")
         finally:
             self.link.release()
 
 
-def open_robot(robot: RobotConfig, clock: Clock | None = None, node_name: str = "evg_app") -> Ros2Robot:
+def open_robot(robot: RobotConfig, clock: Clock | None = None, use_topic: bool = False) -> Ros2Robot:
     """Arm and gripper of `robot` over ROS 2.
 
-    Enter `.arm` and `.gripper`, and hand them and `.clock` to the loop.
+    Enter `.arm` and `.gripper`, and hand them and `.clock` to the loop. `use_topic` sends trajectories to
+    the controller's topic even where control_msgs is there.
 
     Raises:
         BadInput: the robot config has no `ros2` section.
@@ -56,7 +59,7 @@ def open_robot(robot: RobotConfig, clock: Clock | None = None, node_name: str = 
     if robot.ros2 is None:
         raise BadInput(f"robot '{robot.name}' has no 'ros2' section; see robot_configs/panda.yaml and docs/ros2.md")
     clock = clock if clock is not None else WallClock()
-    link = Link(node_name, clock)
-    arm = Ros2Arm(robot, robot.ros2, link)
+    link = Link("evg_app", clock)
+    arm = Ros2Arm(robot, robot.ros2, link, use_topic)
     gripper = Ros2Gripper(robot.gripper, robot.ros2, link)
     return Ros2Robot(arm, gripper, clock, link, robot.ros2.stop_topic)

@@ -1,5 +1,6 @@
 """A joint_trajectory_controller on a PyBullet arm, as strict as the real one; shares nothing with the driver."""
 
+import itertools
 import math
 
 import numpy as np
@@ -17,7 +18,7 @@ def refusal(message, names, q_now) -> str:
     if not message.points:
         return "no points"
     times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in message.points]
-    if times[0] < 0 or any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if times[0] < 0 or any(b <= a for a, b in itertools.pairwise(times)):
         return "time does not go forward"
     for point in message.points:
         for values in (point.positions, point.velocities, point.accelerations):
@@ -87,8 +88,9 @@ class Controller:
         h = self._t[k + 1] - self._t[k]
         s = (t - self._t[k]) / h
         q0, q1, v0, v1 = self._q[k], self._q[k + 1], self._v[k] * h, self._v[k + 1] * h
-        q = q0 * (2 * s**3 - 3 * s**2 + 1) + v0 * (s**3 - 2 * s**2 + s) + q1 * (3 * s**2 - 2 * s**3) + v1 * (s**3 - s**2)
-        dq = (q0 * (6 * s**2 - 6 * s) + v0 * (3 * s**2 - 4 * s + 1) + q1 * (6 * s - 6 * s**2) + v1 * (3 * s**2 - 2 * s)) / h
+        c2, c3 = 3 * (q1 - q0) - 2 * v0 - v1, 2 * (q0 - q1) + v0 + v1
+        q = q0 + s * (v0 + s * (c2 + s * c3))
+        dq = (v0 + s * (2 * c2 + 3 * s * c3)) / h
         return q, dq
 
     def act(self):
@@ -112,7 +114,7 @@ class Controller:
             self._judge(target)
 
     def _judge(self, target):
-        q, dq = self.joints()
+        q = self.joints()[0]
         if np.abs(q - target).max() > PATH_RAD:
             self.drop("path tolerance violated")
             return

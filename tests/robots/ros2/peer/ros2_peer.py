@@ -1,6 +1,7 @@
 """The test's end of the peer: starts it, talks to it beside ROS, and makes sure that it is gone afterwards."""
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -12,6 +13,13 @@ from pathlib import Path
 from evg_app.robots.ros2.interfaces import build_folder, site_packages
 
 START_S = 60.0
+
+
+def isolate() -> None:
+    """This process and its peers on a domain of their own, seen by this computer only."""
+    if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") != "LOCALHOST" or "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
 
 
 class PeerProcess:
