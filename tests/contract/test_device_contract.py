@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "cameras"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "robots" / "ros2" / "peer"))
 
 from recordings import table_depth, write_recording
 
@@ -90,7 +91,26 @@ def replay_camera() -> CameraBench:
     return CameraBench(open_replay(load_camera("d435i"), recording(), clock=clock, repeat=True), clock, lambda: None)
 
 
-BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated}
+@cache
+def peer_of_ros2():
+    """Action servers on a PyBullet arm in another process."""
+    from ros2_peer import PeerProcess, isolate
+
+    isolate()
+    peer = PeerProcess()
+    atexit.register(peer.close)
+    return peer
+
+
+def ros2() -> Bench:
+    from evg_app.robots.ros2 import open_robot
+
+    peer_of_ros2().ask("home")
+    opened = open_robot(load_robot("panda"))
+    return Bench(opened.arm, opened.gripper, opened.clock, lambda: None)
+
+
+BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated, "ros2": ros2}
 CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {
     "simulated": simulated_camera,
     "realsense": realsense_camera,
@@ -98,7 +118,12 @@ CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {
 }
 
 
-@pytest.fixture(params=sorted(BENCHES))
+NEEDS = {"ros2": pytest.mark.ros}
+"""Benches that run in an environment of their own."""
+ROBOTS = [pytest.param(name, marks=NEEDS.get(name, ())) for name in sorted(BENCHES)]
+
+
+@pytest.fixture(params=ROBOTS)
 def bench(request) -> Iterator[Bench]:
     made = BENCHES[request.param]()
     with ExitStack() as stack:
@@ -277,9 +302,9 @@ def test_leaving_twice_is_harmless(bench: Bench):
         device.__exit__(None, None, None)
 
 
-def test_leaving_a_device_that_was_never_entered_is_harmless():
-    for make in BENCHES.values():
-        made = make()
-        for device in (made.arm, made.gripper):
-            device.__exit__(None, None, None)
-        made.close()
+@pytest.mark.parametrize("name", ROBOTS)
+def test_leaving_a_device_that_was_never_entered_is_harmless(name: str):
+    made = BENCHES[name]()
+    for device in (made.arm, made.gripper):
+        device.__exit__(None, None, None)
+    made.close()
