@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Sets everything up and runs all tests: fast ones, slow ones, then the reference oracle in an environment of its own.
+# Sets everything up and runs all tests: fast ones, slow ones, then ROS 2 and the reference oracle in environments of their own.
 set -euo pipefail
 cd "$(dirname "$0")"
 ./setup.sh test realsense franka export
@@ -13,8 +13,20 @@ if [ ! -f .venv-franka-sim/evg-setup ] || ! cmp -s pyproject.toml .venv-franka-s
 fi
 
 export OMP_NUM_THREADS=1 OMP_WAIT_POLICY=passive
-.venv/bin/python -m pytest -m "not slow and not oracle" "$@"
-.venv/bin/python -m pytest -m "slow and not oracle" "$@"
+.venv/bin/python -m pytest -m "not slow and not oracle and not ros" "$@"
+.venv/bin/python -m pytest -m "slow and not oracle and not ros" "$@"
+
+# ROS wheels restart every Python of their environment, so they get one of their own, on top of .venv.
+if [ ! -f .venv-ros/evg-setup ] || ! cmp -s pyproject.toml .venv-ros/evg-setup; then
+  .venv/bin/python -m venv --clear .venv-ros
+  site() { "$1" -c 'import sysconfig; print(sysconfig.get_path("purelib"))'; }
+  echo "import site; site.addsitedir('$(site .venv/bin/python)')" > "$(site .venv-ros/bin/python)/evg-core.pth"
+  .venv-ros/bin/pip install -q --upgrade "pip>=25.1"
+  .venv-ros/bin/pip install -q -c constraints.txt -e ".[ros]"
+  cp pyproject.toml .venv-ros/evg-setup
+fi
+.venv-ros/bin/evg-app ros build
+.venv-ros/bin/python -m pytest -m ros tests/robots/ros2 tests/contract "$@"
 
 # escnn needs numpy 1, the application numpy 2.
 if [ ! -f .venv-escnn/evg-setup ] || ! cmp -s pyproject.toml .venv-escnn/evg-setup; then
