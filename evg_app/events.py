@@ -39,6 +39,7 @@ class AttemptOutcome(StrEnum):
     NO_GRASP = "no grasp"
     NO_FEASIBLE = "no feasible grasp"
     EMPTY_VIEW = "empty view"
+    REPLANNED = "replanned"
     ERROR = "error"
 
     @property
@@ -56,6 +57,7 @@ class Stage(StrEnum):
     PLAN = "plan"
     JUDGE = "judge"
     ROUTE = "route"
+    RECHECK = "recheck"
 
 
 COMPUTE_STAGES = (Stage.FILTER, Stage.FUSE, Stage.PLAN, Stage.JUDGE)
@@ -158,6 +160,18 @@ class Judged:
     flipped: bool = False
     T_base_grasp: Array | None = None
     trajectories: Mapping[str, Trajectory] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneRechecked:
+    """Before the approach: `area` [m^2] of surface near the grasp came or went; `compared` is the share looked at.
+
+    With `changed` the pass ends here, and the scene is planned on anew.
+    """
+
+    changed: bool
+    area: float
+    compared: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,6 +300,7 @@ Event = (
     | Fused
     | GraspsPlanned
     | Judged
+    | SceneRechecked
     | MotionStarted
     | MotionEnded
     | GripperMoved

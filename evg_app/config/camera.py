@@ -69,6 +69,22 @@ class RealSenseModel(Model):
         return self
 
 
+class Recheck(Model):
+    """The look just before the approach: is the scene near the grasp still the one planned on?
+
+    Attributes:
+        enabled: whether it is taken.
+        radius_m: how far around the grasp [m].
+        depth_m: depth must change by more than this [m]: more than the noise between two frames.
+        area_m2: so much surface must have come or gone [m^2].
+    """
+
+    enabled: bool = True
+    radius_m: Positive = 0.12
+    depth_m: Positive = 0.02
+    area_m2: Positive = 4e-4
+
+
 class CameraConfig(Model):
     """One depth camera (`robot_configs/<name>.yaml`). Intrinsics come from the stream; these are the simulated ones.
 
@@ -79,6 +95,8 @@ class CameraConfig(Model):
         max_table_noise_m: largest noise of depth on the table before a run [m].
         max_table_bias_ratio: largest relative error of the table's distance before a run.
         max_table_tilt_deg: largest angle between the seen and the known table before a run [deg].
+        table_is_ruler: multiply depth by the factor that brings the seen table to its known height.
+        recheck: the look just before the approach.
     """
 
     device: Literal["camera"]
@@ -102,6 +120,7 @@ class CameraConfig(Model):
     max_table_bias_ratio: Positive = 0.04
     max_table_tilt_deg: Positive = 2.0
     table_is_ruler: bool = True
+    recheck: Recheck = Recheck()
     realsense: RealSenseModel = RealSenseModel()
 
     @model_validator(mode="after")

@@ -11,6 +11,7 @@ from evg_app.config.models import CameraConfig, RobotConfig
 from evg_app.events import Sink
 from evg_app.geometry import Array
 from evg_app.grasping.protocol import Planner
+from evg_app.perception.change import SceneChange
 from evg_app.picking.stop import StopToken
 from evg_app.robots.protocol import Arm, Gripper
 from evg_app.types import CollisionVolume, Frame, Grasps, Trajectory, TsdfGrid, Verdict
@@ -61,6 +62,11 @@ class Perception(Protocol):
 
     def view(self, frame: Frame, q: Array) -> View:
         """Fuse a clean frame."""
+
+    def change(
+        self, before: tuple[Frame, Array], after: tuple[Frame, Array], T_base_grasp: Array, radius: float, step: float
+    ) -> SceneChange:
+        """What changed near a grasp (4, 4) between two frames, each with its q, by more than `step` [m] of depth."""
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from evg_app.errors import EvgError, HardwareError, Refused, Stopped
 from evg_app.events import RoundFinished, RoundStarted, StateEntered, StopReason, Warned
-from evg_app.picking import execute, observe, plan, recover, score, verify
+from evg_app.picking import execute, observe, plan, recheck, recover, score, verify
 from evg_app.picking.context import Context
 from evg_app.picking.session import Emitter, Round
 from evg_app.picking.states import START, TRANSITIONS, Outcome, State
@@ -16,6 +16,7 @@ HANDLERS: dict[State, Callable[[Round], Outcome]] = {
     State.PLAN: plan.plan,
     State.FILTER: plan.filter_,
     State.REACH: execute.reach,
+    State.RECHECK: recheck.recheck,
     State.APPROACH: execute.approach,
     State.CLOSE: execute.close,
     State.LIFT: execute.lift,

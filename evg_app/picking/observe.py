@@ -16,7 +16,7 @@ def observe(round_: Round) -> Literal[Outcome.OK, Outcome.EMPTY, Outcome.CLEARED
     referee, attempt = round_.ctx.referee, round_.now
     if referee is not None and referee.on_table() == 0:
         return Outcome.CLEARED
-    q = _arm_at_rest(round_)
+    q = arm_at_rest(round_)
     frame = healthy_frame(round_, q)
     perception = round_.ctx.perception
     round_.emit(FrameTaken(frame, q, perception.T_base_cam(q), perception.T_base_task))
@@ -32,7 +32,7 @@ def observe(round_: Round) -> Literal[Outcome.OK, Outcome.EMPTY, Outcome.CLEARED
     return Outcome.CLEARED if referee is None else Outcome.EMPTY
 
 
-def _arm_at_rest(round_: Round) -> Array:
+def arm_at_rest(round_: Round) -> Array:
     """Joint positions [rad] once the arm has come to rest. Shape (J,)."""
     ctx, settings = round_.ctx, round_.ctx.settings
     budget = Budget(ctx.devices.clock, settings.rest_timeout_s, settings.slice_s)
@@ -81,11 +81,11 @@ def _capture(round_: Round) -> Frame:
 
 
 def _stale(round_: Round, frame: Frame) -> str:
-    """Why this frame is not a new one, empty when it is."""
+    """Why this frame is not a new one, empty when it is; a frame with a higher number is, even if a clock jumped."""
     if round_.last_frame is None:
         return ""
     number, stamp = round_.last_frame
-    if frame.stamp <= stamp:
+    if frame.stamp <= stamp and frame.number <= number:
         return f"the camera repeated an old frame (number {frame.number}, stamp {frame.stamp:.3f} s)."
     if frame.number == number and number != 0:
         return f"the camera sent frame number {number} twice."

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
+from evg_app.geometry import FINGER_DEPTH, TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
 from evg_app.perception import self_filter
+from evg_app.perception.change import SceneChange, scene_change
 from evg_app.perception.health import depth_health
 from evg_app.perception.projection import points_in
 from evg_app.perception.table import fit_table, rescale
@@ -19,6 +20,8 @@ EDGE = 0.02
 """Points closer than this to a side of the workspace do not count as seen objects [m] (spec §6.1)."""
 ABOVE_TABLE = 0.005
 """Points count as objects from this height above the table on [m] (spec §6.1)."""
+CAMERA_STILL = 1e-3
+"""A camera that moved by less than this stood still [m, or entries of the rotation]."""
 STRIDE = 2
 """Every STRIDE-th row and column is looked at when counting points."""
 
@@ -71,6 +74,24 @@ class TablePerception:
         frame = rescale(frame, factor)
         volume = fuse_volume([(frame, invert(self.T_base_cam(q)))], self._T_base_task)
         return View(fuse([(frame, T_cam_task)]), volume, points_above_table(frame, T_cam_task), factor)
+
+    def change(
+        self, before: tuple[Frame, Array], after: tuple[Frame, Array], T_base_grasp: Array, radius: float, step: float
+    ) -> SceneChange:
+        """What changed within `radius` [m] of where a grasp (4, 4) closes, by more than `step` [m] of depth.
+
+        A camera that has moved since then compares nothing.
+        """
+        T_base_cam = self.T_base_cam(after[1])
+        if np.abs(T_base_cam - self.T_base_cam(before[1])).max() > CAMERA_STILL:
+            return SceneChange(0.0, 0.0)
+        old, new = (self._ruled(self.clean(frame, q), q) for frame, q in (before, after))
+        place = T_base_grasp[:3, 3] + FINGER_DEPTH * T_base_grasp[:3, 2]
+        return scene_change(old, new, invert(T_base_cam), place, radius, step)
+
+    def _ruled(self, frame: Frame, q: Array) -> Frame:
+        """A clean frame with the table at its known height, where the table is the ruler."""
+        return rescale(frame, fit_table(frame, self._T_cam_task(q)).scale) if self._table_is_ruler else frame
 
     def _T_cam_task(self, q: Array) -> Array:
         return np.asarray(invert(self.T_base_cam(q)) @ self._T_base_task)

@@ -78,6 +78,8 @@ def _outcome(
         return AttemptOutcome.ERROR if reason is None else _OUTCOME_OF_REASON[reason]
     if attempt.fault:
         return AttemptOutcome.FAILURE
+    if attempt.changed:
+        return AttemptOutcome.REPLANNED
     if not attempt.closed and not attempt.blocked and round_.ctx.stop.soft:
         return AttemptOutcome.ABANDONED
     success = truth if truth is not None else attempt.verified

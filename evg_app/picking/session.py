@@ -52,6 +52,7 @@ class Attempt:
         blocked: why a motion did not get where it should, empty when all did.
         fault: what a device reported, empty when nothing.
         recoveries: how often the arm was brought back during this pass.
+        changed: the scene changed between planning and approach, so the pass ended without a grasp.
     """
 
     attempt_id: str
@@ -64,6 +65,7 @@ class Attempt:
     blocked: str = ""
     fault: str = ""
     recoveries: int = 0
+    changed: bool = False
     empty: bool = False
     held_lifted: bool | None = None
     held_release: bool | None = None

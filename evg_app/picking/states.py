@@ -13,6 +13,7 @@ class State(StrEnum):
     PLAN = "plan"
     FILTER = "filter"
     REACH = "reach"
+    RECHECK = "recheck"
     APPROACH = "approach"
     CLOSE = "close"
     LIFT = "lift"
@@ -36,6 +37,7 @@ class Outcome(StrEnum):
     CLEARED = "cleared"
     TWO_FAILURES = "two failures"
     SPENT = "spent"
+    CHANGED = "changed"
     GIVE_UP = "give up"
     FAULT = "fault"
     STOP = "stop"
@@ -71,8 +73,14 @@ TRANSITIONS: dict[State, dict[Outcome, State | StopReason]] = {
         Outcome.STOP: StopReason.STOPPED,
     },
     State.REACH: {
-        Outcome.OK: State.APPROACH,
+        Outcome.OK: State.RECHECK,
         Outcome.BLOCKED: State.RETREAT,
+        Outcome.FAULT: State.RECOVER,
+        Outcome.STOP: State.RETREAT,
+    },
+    State.RECHECK: {
+        Outcome.OK: State.APPROACH,
+        Outcome.CHANGED: State.RETREAT,
         Outcome.FAULT: State.RECOVER,
         Outcome.STOP: State.RETREAT,
     },

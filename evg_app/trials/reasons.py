@@ -22,6 +22,7 @@ _OUTCOMES = {
     AttemptOutcome.NO_GRASP: "planning",
     AttemptOutcome.ERROR: "hardware",
     AttemptOutcome.ABANDONED: "user",
+    AttemptOutcome.REPLANNED: "perception",
 }
 _VERDICTS = {
     Verdict.OUT_OF_WORKSPACE: "planning",

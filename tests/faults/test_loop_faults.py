@@ -5,7 +5,7 @@ import pytest
 from picking_fakes import DROP, LOOK, OBJECT_WIDTH, Lab, once, pose, reflex, refuse
 
 from evg_app.errors import DeviceTimeout, Stopped
-from evg_app.events import AttemptFinished, RoundFinished, RunFinished, StateEntered
+from evg_app.events import AttemptFinished, RoundFinished, RunFinished, SceneRechecked, StateEntered
 from evg_app.picking.context import Settings
 from evg_app.picking.states import State
 from evg_app.types import Grasps, MotionResult
@@ -48,7 +48,37 @@ def test_a_camera_that_repeats_an_old_frame_is_noticed():
     lab.camera.spoil = lambda frame: old[0] if old else (old.append(frame) or frame)
     lab.run()
     assert lab.reasons == ["error"] and "old frame" in lab.of(RoundFinished)[0].detail
-    assert lab.outcomes[0] == "success"
+    assert lab.states[4:6] == ["reach", "recheck"], "the second look at the scene already notices"
+
+
+MOVED, NOISE = 30e-4, 1e-4
+"""Changed area near the grasp when an object moved, and from noise alone [m^2]."""
+
+
+def test_an_object_moved_between_planning_and_approach_is_planned_on_again():
+    lab = Lab(objects=1, moved=[MOVED, MOVED])
+    result = lab.run()
+    assert lab.outcomes == ["replanned", "replanned", "success"] and lab.warnings == ["scene changed"] * 2
+    assert lab.states[4:9] == ["reach", "recheck", "retreat", "score", "look"]
+    assert (result.rounds[0].attempts, result.rounds[0].successes) == (1, 1), "a replanned pass executed no grasp"
+    assert [e.changed for e in lab.of(SceneRechecked)] == [True, True, False]
+    assert len(lab.motion_planner.seen) == 3 and lab.gripper.commands.count("grasp") == 1
+
+
+def test_noise_alone_is_no_reason_to_plan_again():
+    lab = Lab(objects=1, moved=[NOISE])
+    assert lab.run().rounds[0].successes == 1 and lab.outcomes == ["success"]
+
+
+def test_a_scene_that_never_stops_moving_ends_the_round_by_name():
+    lab = Lab(objects=1, moved=[MOVED] * 100)
+    lab.run()
+    assert lab.reasons == ["attempt limit"] and set(lab.outcomes) == {"replanned"}
+
+
+def test_the_look_before_the_approach_can_be_switched_off():
+    lab = Lab(objects=1, moved=[MOVED], recheck=False)
+    assert lab.run().rounds[0].successes == 1 and not lab.of(SceneRechecked)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 2.0])
@@ -87,7 +117,7 @@ def test_the_gripper_closes_where_contact_stopped_the_approach():
     lab.arm.during["approach"] = touch
     assert lab.run().rounds[0].successes == 1
     assert lab.of(AttemptFinished)[0].evidence.contact is True and lab.arm.cancels == 1
-    assert lab.states[5:8] == ["approach", "close", "lift"]
+    assert lab.states[6:9] == ["approach", "close", "lift"]
 
 
 def test_a_steady_wrench_from_payload_is_not_contact():
@@ -109,7 +139,7 @@ def test_a_motion_aborted_mid_approach_backs_out_and_counts():
     lab.arm.during["approach"] = abort
     lab.run()
     assert lab.of(AttemptFinished)[0].failure == "motion aborted"
-    assert lab.states[5:8] == ["approach", "retreat", "score"]
+    assert lab.states[6:9] == ["approach", "retreat", "score"]
 
 
 @pytest.mark.parametrize("name", MOVING)

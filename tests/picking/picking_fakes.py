@@ -9,6 +9,7 @@ from evg_app.config.models import CameraConfig, RobotConfig
 from evg_app.errors import DeviceTimeout, HardwareError
 from evg_app.events import AttemptFinished, MotionStarted, RoundFinished, StateEntered, Warned
 from evg_app.geometry import translation
+from evg_app.perception.change import SceneChange
 from evg_app.picking.context import Context, Decision, Devices, ReadyPick, Settings, View
 from evg_app.picking.run import run_rounds
 from evg_app.picking.stop import StopToken
@@ -73,7 +74,7 @@ def robot() -> RobotConfig:
     )
 
 
-def camera_config() -> CameraConfig:
+def camera_config(recheck: bool = True) -> CameraConfig:
     return CameraConfig.model_validate(
         {
             "name": "fake",
@@ -87,6 +88,7 @@ def camera_config() -> CameraConfig:
             "simulated_cx_px": 4,
             "simulated_cy_px": 3,
             "frame_id": "cam",
+            "recheck": {"enabled": recheck},
         }
     )
 
@@ -245,6 +247,10 @@ class FakePerception:
         volume = CollisionVolume(np.zeros((2, 2, 2), bool), np.ones((2, 2, 2), bool), np.zeros(3), 0.0125)
         return View(grid, volume, 1000 * self.lab.on_table() if self.lab.sees else 0)
 
+    def change(self, before, after, T_base_grasp: np.ndarray, radius: float, step: float) -> SceneChange:
+        assert after[0].number > before[0].number, "the frame to compare with must be a fresh one"
+        return SceneChange(self.lab.moved.pop(0) if self.lab.moved else 0.0, 1.0)
+
 
 class FakePlanner:
     """Three grasps, unless told otherwise."""
@@ -300,6 +306,7 @@ class FakeMotion:
 class Lab:
     """Everything a test needs. `script` is one letter per closing of the gripper:
     S picks and delivers, F closes on nothing, L loses the object on the way, M drops it beside the bin.
+    `moved` is the area that changed before each approach [m^2]; nothing once it is used up.
     """
 
     script: str = "SSSSSSSS"
@@ -310,6 +317,8 @@ class Lab:
     motion: str = ""
     settings: Settings = field(default_factory=Settings)
     listeners: list = field(default_factory=list)
+    moved: list = field(default_factory=list)
+    recheck: bool = True
 
     def __post_init__(self) -> None:
         self.clock, self.stop = FakeClock(), StopToken()
@@ -355,7 +364,7 @@ class Lab:
             self.planner,
             self.motion_planner,
             robot(),
-            camera_config(),
+            camera_config(self.recheck),
             self.sink,
             self if self.has_referee else None,
             self.stop,
