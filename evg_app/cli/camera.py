@@ -4,10 +4,12 @@ Example: `evg-app camera preview --camera d435i --out preview.png`
 """
 
 import argparse
+import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from evg_app.cli.console import say
 from evg_app.config.files import load_camera, shipped_folder
@@ -166,9 +168,10 @@ def picture(frame: Frame) -> NDArray[np.uint8]:
 
 def _write(path: Path, frame: Frame) -> None:
     from evg_app.trials.arrays import write_atomically
-    from evg_app.trials.pictures import png
 
+    buffer = io.BytesIO()
+    Image.fromarray(picture(frame)).save(buffer, format="PNG", compress_level=1)
     try:
-        write_atomically(path, png(picture(frame)))
+        write_atomically(path, buffer.getvalue())
     except OSError as error:
         raise BadInput(f"--out {path} cannot be written: {error.strerror}. Name another file") from error

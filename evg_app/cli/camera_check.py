@@ -100,24 +100,28 @@ def _number(version: str) -> tuple[int, ...]:
     return tuple(int(part) for part in version.split(".") if part.isdigit())
 
 
-def judge(seen: Measured, config: CameraConfig) -> Iterator[Finding]:
-    """Optics, rate, and how much depth there is."""
+def judge(seen: Measured) -> Iterator[Finding]:
+    """Optics, how much depth there is, and how steady it is."""
     K, scale = seen.frame.intrinsics, seen.frame.depth_scale
     yield Finding(
         "camera optics",
         "ok",
         f"{K.width}x{K.height}, f {K.fx:.1f} {K.fy:.1f}, c {K.cx:.1f} {K.cy:.1f}, {scale:g} m per unit",
     )
-    wanted = config.realsense.fps / config.realsense.average_frames
-    slow = seen.rate < MIN_RATE * wanted
-    mend = "Frames get lost: another USB port or cable, no hub, fewer pixels or a lower realsense.fps" if slow else ""
-    yield Finding("camera rate", "note" if slow else "ok", f"{seen.rate:.1f} of {wanted:.1f} merged frames/s", mend)
     few = seen.valid < MIN_VALID
     mend = "Clean the lenses, switch the laser on, add light or texture, keep 0.3 to 1.5 m away" if few else ""
     yield Finding("camera depth", "note" if few else "ok", f"{seen.valid:.0%} of the image has depth", mend)
     rough = seen.flicker > MAX_FLICKER_M
     mend = "Bring the camera nearer, add light or texture, or raise realsense.average_frames" if rough else ""
     yield Finding("camera noise", "note" if rough else "ok", f"{seen.flicker * 1e3:.1f} mm from frame to frame", mend)
+
+
+def judge_rate(seen: Measured, config: CameraConfig) -> Finding:
+    """Whether the frames come as often as the config asks for."""
+    wanted = config.realsense.fps / config.realsense.average_frames
+    slow = seen.rate < MIN_RATE * wanted
+    mend = "Frames get lost: another USB port or cable, no hub, fewer pixels or a lower realsense.fps" if slow else ""
+    return Finding("camera rate", "note" if slow else "ok", f"{seen.rate:.1f} of {wanted:.1f} merged frames/s", mend)
 
 
 def judge_table(frame: Frame, config: CameraConfig, workspace: Callable[[], Array]) -> Iterator[Finding]:
@@ -139,12 +143,14 @@ def examine(args: argparse.Namespace) -> Iterator[Finding]:
         if args.replay:
             with open_replay(config, args.replay, clock=clock, repeat=True) as replay:
                 seen = measure(replay, clock, config.frame_timeout_s)
+            yield Finding("camera source", "ok", f"stored frames of {args.replay}")
         else:
             with open_camera(config, clock=clock, sink=tell, serial=args.serial) as camera:
                 yield from describe(camera)
                 seen = measure(camera, clock, config.frame_timeout_s)
+            yield judge_rate(seen, config)
     except EvgError as error:
         yield Finding(f"camera {args.camera}", "fault", str(error), "See docs/camera.md")
         return
-    yield from judge(seen, config)
+    yield from judge(seen)
     yield from judge_table(seen.frame, config, partial(workspace_of, args.robot, config, args.config_dir))
