@@ -64,14 +64,34 @@ def rotation_noise(index: Indices, samples: int, seed: int) -> NDArray[np.float3
         Six numbers in row order. Shape (S, N, 6).
     """
     half = GRID_SIZE // 2
-    table = np.random.default_rng(abs(seed)).standard_normal((samples, half * half * GRID_SIZE, 6), dtype=np.float32)
     i, j, k = np.unravel_index(index, (GRID_SIZE,) * 3)
     turns = np.select([(i >= half) & (j >= half), (i < half) & (j >= half), (i < half) & (j < half)], [0, 1, 2], 3)
     x, y = i - half, j - half  # cells of the first quadrant: 0 .. 19; their quarter turn is (x, y) -> (-1 - y, x)
     home_x = np.select([turns == 0, turns == 1, turns == 2], [x, y, -1 - x], -1 - y)
     home_y = np.select([turns == 0, turns == 1, turns == 2], [y, -1 - x, -1 - y], x)
-    noise = table[:, (home_x * half + home_y) * GRID_SIZE + k]
+    noise = _normal((home_x * half + home_y) * GRID_SIZE + k, samples, seed)
     row1, row2, turn = noise[..., :3], noise[..., 3:], turns[:, None]
     first = np.select([turn == 0, turn == 1, turn == 2], [row1, -row2, -row1], row2)
     second = np.select([turn == 0, turn == 1, turn == 2], [row2, row1, -row2], -row1)
     return np.concatenate([first, second], axis=-1)
+
+
+def _normal(cell: Indices, samples: int, seed: int) -> NDArray[np.float32]:
+    """Six N(0, 1) numbers for each sample and cell number, without drawing those of all other cells. (S, N, 6)."""
+    count = np.arange(samples)[:, None, None] * GRID_SIZE**3 + cell[None, :, None]
+    counter = (count * 3 + np.arange(3)).astype(np.uint64)
+    bits = _mixed(_mixed(np.full((), abs(seed), dtype=np.uint64)) + counter)
+    low, high = bits & np.uint64(0xFFFFFFFF), bits >> np.uint64(32)
+    radius = np.sqrt(-2.0 * np.log((low + 1.0) * 2.0**-32))
+    angle = high * (2.0 * np.pi * 2.0**-32)
+    pairs = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    return pairs.reshape(samples, len(cell), 6).astype(np.float32)
+
+
+def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """SplitMix64 (Steele, Lea, Flood 2014): neighbouring numbers become unrelated ones."""
+    with np.errstate(over="ignore"):
+        x = x * np.uint64(0x9E3779B97F4A7C15) + np.uint64(0x9E3779B97F4A7C15)
+        x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        return np.asarray(x ^ (x >> np.uint64(31)))

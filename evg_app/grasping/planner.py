@@ -7,8 +7,9 @@ blocks; smooth. 3. For the best voxels: rotations (regressed, and flow samples),
 `dense=True` asks all candidate voxels instead (the paper's way, the reference); everything else is the same.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import copy
+import logging
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -20,13 +21,20 @@ from torch import Tensor, nn
 from evg_app.errors import BadInput, WeightsError
 from evg_app.geometry import GRID_SIZE, WORKSPACE_SIZE, Array, make
 from evg_app.grasping import lattice, selection
+from evg_app.grasping.fast.encoder import encoder_of
+from evg_app.grasping.fast.field import Field
+from evg_app.grasping.fast.heads import Place, heads_of
+from evg_app.grasping.fast.layers import Buffers
+from evg_app.grasping.fast.workers import Workers, one_torch_thread, pieces
 from evg_app.grasping.protocol import Grid, grid_values
 from evg_app.grasping.weights import load_weights
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
-from evg_app.nets.features import Features
-from evg_app.nets.rotation import from_rows
 from evg_app.types import Grasps
+
+_log = logging.getLogger(__name__)
+MOST_THREADS = 4
+"""More threads than this do not make a plan faster."""
 
 
 @dataclass(frozen=True)
@@ -44,9 +52,11 @@ class PlannerConfig:
         nms_radius: near duplicates within this distance [m] (not a distance of two voxel centres: no ties) ...
         nms_angle: ... and this angle [rad] of a better grasp go.
         max_grasps: best grasps that are compared with each other.
-        dense: ask all candidate voxels, and rotations wherever graspness exceeds `dense_graspness`.
+        dense: ask all 64,000 voxels, and rotations wherever graspness exceeds `dense_graspness`.
         dense_graspness: spec §5.1's low_th.
-        chunk: points per network call.
+        allow_contact: rank by the score of grasps whose approach may touch something, where the network has one.
+        points_at_once, grasps_at_once: points asked for graspness, and for rotations, per piece of work: so many
+            that what is computed for them fits the second-level cache.
     """
 
     blocks: int = 192
@@ -61,7 +71,9 @@ class PlannerConfig:
     max_grasps: int = 1024
     dense: bool = False
     dense_graspness: float = 0.05
-    chunk: int = 4096
+    allow_contact: bool = False
+    points_at_once: int = 512
+    grasps_at_once: int = 128
 
 
 class GraspPlanner:
@@ -82,6 +94,10 @@ class GraspPlanner:
         self._net = net.eval().to(self._device)
         self._name, self._sha = name, weights_sha256
         self.config = config or PlannerConfig()
+        threads = min(torch.get_num_threads(), MOST_THREADS) if self._device.type == "cpu" else 1
+        self._workers = Workers(threads, self._device)
+        self._encoder = encoder_of(net, self._device, threads)
+        self._heads = heads_of(net, self._device)
 
     @classmethod
     def load(
@@ -96,7 +112,8 @@ class GraspPlanner:
         Args:
             model: "equiigd" or "equigiga".
             weights: a shipped name or a `.safetensors` path; None for the shipped weights of the model's name.
-            device: where torch runs, e.g. "cpu" or "cuda".
+            device: "cpu", or "cuda" where there is one (else it says so and takes the cpu). On the cpu it uses as
+                many threads as torch is set to, at most `MOST_THREADS`.
             config: how to search.
 
         Raises:
@@ -135,37 +152,38 @@ class GraspPlanner:
         mask = selection.candidate_mask(values)
         if not mask.any():
             return Grasps.empty()
-        with torch.inference_mode():
-            features = self.encode(values)
-            index, graspness = self.locate(features, mask)
+        with torch.inference_mode(), one_torch_thread():
+            field = self.encode(values)
+            index, graspness = self.locate(field, mask)
             if len(index) == 0:
                 return Grasps.empty()
-            rotation, score, width = self.orient(features, index, seed)
+            rotation, score, width = self.orient(field, index, seed)
         return self.assemble(index, rotation, np.sqrt(graspness * score), width)
 
     def plan_dense(self, grid: Grid, seed: int = 0) -> Grasps:
-        """The reference: `plan` with the dense search of the paper (about ten times slower)."""
-        config = PlannerConfig(**{**self.config.__dict__, "dense": True})
-        dense = GraspPlanner(
-            self._net, name=self._name, weights_sha256=self._sha, config=config, device=str(self._device)
-        )
+        """The reference: `plan` with the dense search of the paper, through the same layers and threads."""
+        dense = copy.copy(self)
+        dense.config = replace(self.config, dense=True)
         return dense.plan(grid, seed)
 
-    def encode(self, values: NDArray[np.float32]) -> Features:
+    def encode(self, values: NDArray[np.float32]) -> Field:
         """Features of one grid (40, 40, 40)."""
-        return self._net.encode(self._tensor(values)[None, None])
+        return Field(self._encoder(values))
 
-    def locate(self, features: Features, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
+    def locate(self, field: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], Array]:
         """Where to grasp: flat voxel indices (K,) with their smoothed graspness in [0, 1] (K,), best first."""
-        if not self.config.dense:
+        if self.config.dense:
+            volume = self._graspness(field, np.arange(GRID_SIZE**3), GRID_SIZE).reshape((GRID_SIZE,) * 3)
+            fine = np.flatnonzero(mask)
+        else:
             coarse = np.flatnonzero(lattice.blocks_with(mask))
-            answers = self._graspness(features, lattice.block_points(coarse))
+            answers = self._graspness(field, coarse, lattice.BLOCKS)
             chosen = np.zeros((lattice.BLOCKS,) * 3, dtype=np.bool_)
             chosen.ravel()[coarse[selection.best(answers, self.config.blocks)]] = True
             mask = mask & lattice.voxels_of(chosen)
-        fine = np.flatnonzero(mask)
-        volume = np.zeros((GRID_SIZE,) * 3, dtype=np.float32)
-        volume.ravel()[fine] = self._graspness(features, lattice.voxel_points(fine))
+            fine = np.flatnonzero(mask)
+            volume = np.zeros((GRID_SIZE,) * 3, dtype=np.float32)
+            volume.ravel()[fine] = self._graspness(field, fine, GRID_SIZE)
         smoothed = selection.smooth(volume, mask, self.config.sigma).ravel()[fine]
         if self.config.dense:
             keep = np.flatnonzero(smoothed > self.config.dense_graspness)
@@ -175,20 +193,21 @@ class GraspPlanner:
             keep = keep[smoothed[keep] >= self.config.threshold**2]  # q <= sqrt(graspness)
         return fine[keep], smoothed[keep].astype(np.float64)
 
-    def orient(self, features: Features, index: NDArray[np.intp], seed: int) -> tuple[Array, Array, Array]:
+    def orient(self, field: Field, index: NDArray[np.intp], seed: int) -> tuple[Array, Array, Array]:
         """How to grasp at voxels (K,): rotation (K, 3, 3), its score in [0, 1] (K,), opening [m] (K,)."""
-        noise = lattice.rotation_noise(index, self.config.samples, seed)
-        parts = []
-        for part in self._chunks(len(index)):
-            p = self._tensor(lattice.voxel_points(index[part]))[None]
-            width = self._net.width(features, p)[0]
-            if isinstance(self._net, EquiIGD):
-                rotation, score = self._best_rotation(self._net, features, p, self._tensor(noise[:, part]))
-            else:
-                rotation, score = self._net.rotation(features, p)[0], torch.ones_like(width)
-            parts.append((rotation, score, width * WORKSPACE_SIZE))
+        noise = self._tensor(lattice.rotation_noise(index, self.config.samples, seed))
+        voxels = self._tensor(index)
+
+        def ask(part: slice, buffers: Buffers) -> tuple[Tensor, Tensor, Tensor]:
+            place = Place(field, voxels[part])
+            candidates, scores = self._heads.rotations(place, noise[:, part], self.config.steps, buffers)
+            score, which = scores[..., -1 if self.config.allow_contact else 0].max(0)
+            rotation = candidates[which, torch.arange(len(which), device=self._device)]
+            return rotation, score, self._heads.width(place, buffers)
+
+        parts = self._workers.map(ask, pieces(len(index), self.config.grasps_at_once))
         answers = [torch.cat(part).cpu().numpy().astype(np.float64) for part in zip(*parts, strict=True)]
-        return answers[0], answers[1], answers[2]
+        return answers[0], answers[1], answers[2] * WORKSPACE_SIZE
 
     def assemble(self, index: NDArray[np.intp], rotation: Array, score: Array, width: Array) -> Grasps:
         """The grasps worth keeping of those at voxels (K,), best first."""
@@ -198,46 +217,42 @@ class GraspPlanner:
         order = selection.suppress(T, score[keep], self.config.nms_radius, self.config.nms_angle)
         return Grasps(T[order], width[keep][order], score[keep][order])
 
-    def _graspness(self, features: Features, points: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Graspness in [0, 1] at points (N, 3), asked in chunks. Shape (N,)."""
-        p = self._tensor(points)[None]
-        parts = [self._net.graspness(features, p[:, part]) for part in self._chunks(len(points))]
-        answer: NDArray[np.float32] = torch.cat(parts, 1).sigmoid()[0].cpu().numpy()
+    def _graspness(self, field: Field, index: NDArray[np.intp], side: int) -> NDArray[np.float32]:
+        """Graspness in [0, 1] at lattice points (see `Place`). Shape (N,)."""
+        points = self._tensor(index)
+
+        def ask(part: slice, buffers: Buffers) -> Tensor:
+            return self._heads.graspness(Place(field, points[part], side), buffers)
+
+        parts = self._workers.map(ask, pieces(len(index), self.config.points_at_once))
+        answer: NDArray[np.float32] = torch.cat(parts).sigmoid().cpu().numpy()
         return answer
 
-    def _best_rotation(self, net: EquiIGD, features: Features, p: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
-        """Of the candidates at points (1, K, 3) from noise (S, K, 6): the best (K, 3, 3), and its score (K,)."""
-        context = net.rotation_context(features, p)
-        candidates = [net.sample_from_context(context, noise, self.config.steps)] if len(noise) else []
-        if net.rotation_head is not None:
-            candidates.append(from_rows(net.regress_from_context(context)))
-        rotations = torch.cat(candidates)
-        scores = torch.cat([net.grasp_score(features, p, rotation[None]) for rotation in rotations]).sigmoid()
-        score, which = scores.max(0)
-        return rotations[which, torch.arange(p.shape[1], device=p.device)], score
-
-    def _chunks(self, n: int) -> Iterator[slice]:
-        """Slices that cover n points."""
-        return (slice(i, min(i + self.config.chunk, n)) for i in range(0, n, self.config.chunk))
-
-    def _tensor(self, array: NDArray[np.float32]) -> Tensor:
+    def _tensor(self, array: NDArray[np.float32] | NDArray[np.intp]) -> Tensor:
         """The array on the planner's device."""
-        return torch.tensor(array, device=self._device)
+        return torch.from_numpy(array).to(self._device)
 
 
 def _orthonormal(rotation: Array) -> Array:
     """Nearest rotations in float64: the networks' float32 ones are orthonormal to 1e-6 only. Shape (N, 3, 3)."""
-    u, _, vt = np.linalg.svd(rotation)
-    nearest: Array = u @ vt
+    error = rotation.transpose(0, 2, 1) @ rotation - np.eye(3)
+    nearest: Array = rotation - 0.5 * rotation @ error  # Newton's step towards the polar factor: 1e-6 becomes 1e-12
+    far = np.abs(error).max(axis=(1, 2)) > 1e-4
+    if far.any():  # the network gave two parallel rows
+        u, _, vt = np.linalg.svd(rotation[far])
+        nearest[far] = u @ vt
     return nearest
 
 
 def torch_device(device: str) -> torch.device:
-    """The torch device of that name.
+    """The torch device of that name; the cpu, with a warning, where "cuda" is wanted and there is none.
 
     Raises:
-        BadInput: torch does not have it.
+        BadInput: there is no such device.
     """
+    if device.startswith("cuda") and not torch.cuda.is_available():
+        _log.warning("no CUDA device can be used; planning on the cpu. See evg-app doctor, or install with --cuda")
+        device = "cpu"
     try:
         chosen = torch.device(device)
         torch.zeros(1, device=chosen)

@@ -1,5 +1,6 @@
 """Which points to ask, which answers to keep: pure functions on arrays, all symmetric under turns about z."""
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -41,24 +42,54 @@ def candidate_mask(values: Volume) -> Mask:
     seen = surface(values)
     if not seen.any():
         return seen
-    mask: Mask = ndimage.distance_transform_edt(~seen) <= SURFACE_REACH / VOXEL_SIZE
-    return mask & _interior()
-
-
-def _interior() -> Mask:
-    """Voxels inside the bounds for grasp centres."""
-    inside = np.zeros((GRID_SIZE,) * 3, dtype=np.bool_)
-    inside[BORDER:-BORDER, BORDER:-BORDER, round(CENTRE_MIN_Z / VOXEL_SIZE) :] = True
+    mask = within(seen, SURFACE_REACH / VOXEL_SIZE)
+    inside = np.zeros_like(mask)
+    within_bounds = (slice(BORDER, -BORDER), slice(BORDER, -BORDER), slice(round(CENTRE_MIN_Z / VOXEL_SIZE), None))
+    inside[within_bounds] = mask[within_bounds]
     return inside
+
+
+def within(mask: Mask, radius: float) -> Mask:
+    """Voxels within `radius` [voxels] of some voxel of the mask (40, 40, 40).
+
+    The same as thresholding a distance transform, many times faster: a column of voxels along z is one 64-bit number.
+    """
+    packed = np.zeros((GRID_SIZE, GRID_SIZE, 8), dtype=np.uint8)
+    packed[:, :, : GRID_SIZE // 8] = np.packbits(mask, axis=-1, bitorder="little")
+    columns = packed.view("<u8")[:, :, 0]
+    r = int(radius)
+    grown = [np.pad(columns, r)]  # by 0, 1, ... voxels up and down
+    for h in range(1, r + 1):
+        grown.append(grown[-1] | (grown[0] << np.uint64(h)) | (grown[0] >> np.uint64(h)))
+    out = np.zeros_like(columns)
+    for dx in range(r + 1):
+        line = np.zeros_like(grown[0][:, :GRID_SIZE])  # what lies at most so far away along y and z
+        for dy in range(-r, r + 1):
+            rest = radius**2 - dx**2 - dy**2
+            if rest >= 0:
+                line |= grown[int(rest**0.5)][:, r + dy : r + dy + GRID_SIZE]
+        out |= line[r + dx : r + dx + GRID_SIZE] | line[r - dx : r - dx + GRID_SIZE]
+    bits = np.unpackbits(out[:, :, None].view(np.uint8), axis=-1, count=GRID_SIZE, bitorder="little")
+    return bits.view(np.bool_)
 
 
 def smooth(values: Volume, where: Mask, sigma: float = 1.0) -> Volume:
     """Gaussian mean over the voxels `where` values are defined, 0 elsewhere; sigma in voxels."""
     if sigma <= 0:
         return np.where(where, values, np.float32(0.0))
-    weight = ndimage.gaussian_filter(where.astype(np.float32), sigma, mode="constant", truncate=3.0)
-    total = ndimage.gaussian_filter(np.where(where, values, np.float32(0.0)), sigma, mode="constant", truncate=3.0)
+    both = np.stack([np.where(where, values, np.float32(0.0)), where.astype(np.float32)])
+    kernel = _gaussian(sigma)
+    both = (kernel @ (both @ kernel)).reshape(2, GRID_SIZE, -1)  # along z, along y
+    total, weight = (kernel @ both).reshape(2, *where.shape)
     return np.where(where, total / np.maximum(weight, np.float32(1e-12)), np.float32(0.0))
+
+
+@lru_cache(maxsize=4)
+def _gaussian(sigma: float) -> NDArray[np.float32]:
+    """Gaussian weights between voxels of one line, cut off at 3 sigma. Shape (40, 40)."""
+    distance = np.abs(np.subtract.outer(np.arange(GRID_SIZE), np.arange(GRID_SIZE)))
+    weights = np.where(distance <= int(3.0 * sigma + 0.5), np.exp(-0.5 * (distance / sigma) ** 2), 0.0)
+    return weights.astype(np.float32)
 
 
 def best(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""Simulated D435i depth images to time with: each of another scene, made from its number and kept in the cache folder."""
+"""Simulated D435i depth images to time with: each of another scene, made from its number, kept in the cache folder."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -75,5 +75,7 @@ def _frame(path: Path, number: int) -> DepthFrame:
             np.savez_compressed(file, depth=frame.depth, T_cam_task=frame.T_cam_task)
         scratch.replace(path)
     except OSError as error:
-        raise BadInput(f"cannot keep frames in {path.parent}: {error.strerror}; point XDG_CACHE_HOME elsewhere") from error
+        raise BadInput(
+            f"cannot keep frames in {path.parent}: {error.strerror}; point XDG_CACHE_HOME elsewhere"
+        ) from error
     return frame

@@ -23,7 +23,10 @@ class Look:
         matrix = offsets.weight.new_zeros(len(offsets.weight), attention.offsets, 4)
         bias = offsets.bias.new_zeros(attention.offsets, 4)
         for k, column in enumerate(columns):  # (x, y, z) of offset k among the outputs: z of all, then x and y of each
-            matrix[:, k, :3], bias[k, :3] = offsets.weight[:, column] * GRID_SIZE, offsets.bias[list(column)] * GRID_SIZE
+            matrix[:, k, :3], bias[k, :3] = (
+                offsets.weight[:, column] * GRID_SIZE,
+                offsets.bias[list(column)] * GRID_SIZE,
+            )
         self._ask = Affine(matrix.flatten(1), bias.flatten()).beside(weights).final(device)
         self._reader, self._each = reader, attention.offsets
         self.attended = _attended(attention, weights)
@@ -84,9 +87,7 @@ class Grip:
         for first in range(0, rows, CANDIDATES):
             part = slice(first, min(first + CANDIDATES, rows))
             read = self._read(field, where[part], buffers)
-            scores = torch.baddbmm(
-                query[part, channels:, None], read, query[part, :channels, None]
-            )  # (n, points, 1)
+            scores = torch.baddbmm(query[part, channels:, None], read, query[part, :channels, None])  # (n, points, 1)
             out[part, channels:] = torch.bmm(scores.softmax(1).transpose(1, 2), read)[:, 0]
         return out
 
@@ -101,7 +102,7 @@ class Grip:
 
 
 def _placement(points: Tensor) -> Affine:
-    """From a grasp [rotation (9), pixel (3)] to the pixels of control points (P, 3), in units of the cube. (12, 4 P)."""
+    """From a grasp [rotation (9), pixel (3)] to the pixels of control points (P, 3). (12, 4 P)."""
     matrix, bias = points.new_zeros(12, len(points), 4), points.new_zeros(len(points), 4)
     for axis in range(3):
         matrix[3 * axis : 3 * axis + 3, :, axis] = GRID_SIZE * points.T

@@ -1,6 +1,6 @@
 """Reading encoded planes fast: whole rows at lattice points, weighted sums of rows anywhere else.
 
-Points here are pixels: (x, y, z, PIXEL_W) with x = 0 at the centre of voxel 0. The fourth number makes affine maps linear.
+Points here are pixels: (x, y, z, PIXEL_W) with x = 0 at the centre of voxel 0. The fourth makes affine maps linear.
 """
 
 import torch
@@ -64,7 +64,10 @@ class Reader:
 
     def __init__(self, each: int, device: torch.device) -> None:
         self.group = GROUP if each == 1 else each
-        index, row, column, lengths = [], [], [], []
+        index: list[Tensor] = []
+        row: list[Tensor] = []
+        column: list[Tensor] = []
+        lengths = []
         for first in range(0, self.group, each):
             for planes in _PLANES:
                 lengths.append(each * len(planes) * 4)

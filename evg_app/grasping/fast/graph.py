@@ -94,7 +94,9 @@ class _Writer:
             views = g.add("Concat", self._transposed(views, net.side_up[i]), views_skip, axis=1)
             views = self._plain(views, net.side_merge[i])
             xy = self._join(xy, views, join, GRID_SIZE >> len(skips))
-        views = g.conv(views, net.side_out.weight.detach(), net.side_out.bias.detach())
+        out = net.side_out
+        assert isinstance(out, nn.Conv2d) and out.bias is not None
+        views = g.conv(views, out.weight.detach(), out.bias.detach())
         joined = g.add("Concat", self._regular(xy, net.xy_out), *self._fold(views), axis=0)
         return g.add("Transpose", joined, perm=[0, 2, 3, 1])
 
@@ -118,7 +120,8 @@ class _Writer:
         return xy, self._stack([self._roll(v, -k) for k, v in enumerate(seen)])
 
     def _stack(self, views: list[str]) -> str:
-        return self.graph.add("Concat", *[self.graph.add("Unsqueeze", v, self.graph.constant([0])) for v in views], axis=0)
+        g = self.graph
+        return g.add("Concat", *[g.add("Unsqueeze", v, g.constant([0])) for v in views], axis=0)
 
     def _flip(self, x: str, axis: int) -> str:
         g = self.graph
@@ -144,6 +147,7 @@ class _Writer:
     def _plain(self, x: str, block: nn.Module) -> str:
         assert isinstance(block, PlainBlock)
         for conv in (block.first, block.second):
+            assert isinstance(conv, nn.Conv2d) and conv.bias is not None
             x = self.graph.conv(x, conv.weight.detach(), conv.bias.detach(), relu=True)
         return x
 

@@ -58,7 +58,10 @@ class Heads(Protocol):
         """Opening after a grasp there, fraction of 0.3 m. (N,)."""
 
     def rotations(self, place: Place, noise: Tensor, steps: int, buffers: Buffers) -> tuple[Tensor, Tensor]:
-        """Candidate rotations (S, N, 3, 3) from noise (draws, N, 6), and a score in [0, 1] for each (S, N)."""
+        """Candidate rotations (S, N, 3, 3) from noise (draws, N, 6), and scores in [0, 1] for each (S, N, 1 or 2).
+
+        The first score is of success without touching anything on the approach, the last allows that.
+        """
 
 
 class EquiIGDHeads:
@@ -94,7 +97,7 @@ class EquiIGDHeads:
         rotation = from_rows(torch.cat(rows))
         draws = len(rotation)
         read = self._grip(place.field, c.repeat(draws, 1), pixels.repeat(draws, 1), rotation.flatten(0, 1), buffers)
-        return rotation, self._score(read, buffers)[:, 0].sigmoid_().view(draws, -1)
+        return rotation, self._score(read, buffers).sigmoid_().view(draws, len(c), -1)
 
 
 class EquiGIGAHeads:
@@ -116,7 +119,7 @@ class EquiGIGAHeads:
     def rotations(self, place: Place, noise: Tensor, steps: int, buffers: Buffers) -> tuple[Tensor, Tensor]:
         """See `Heads`."""
         rotation = from_rows(vectors_to_rows(self._rotation(place.features(), buffers)))[None]
-        return rotation, torch.ones(rotation.shape[:2], device=rotation.device)
+        return rotation, torch.ones((*rotation.shape[:2], 1), device=rotation.device)
 
 
 def _vector_head(head: nn.Module | None, before: Affine, device: torch.device) -> FoldedHead | None:
