@@ -7,10 +7,12 @@ from pathlib import Path
 from evg_app.errors import BadInput
 from evg_app.trials import schema
 
-LIVE = "operator"
-"""Source of a label given while the run went on: the automatic one is then verify's."""
+OPERATOR = "operator"
+"""Source of a label that a protocol asked for. It was the loop's truth, so the automatic label is verify's."""
+VIEWER = "viewer"
+"""Source of a label from a button of the live view."""
 REVIEW = "review"
-"""Source of a label given afterwards: the automatic one is then the attempt's outcome."""
+"""Source of a label given afterwards. For this and the viewer's, the automatic label is the attempt's outcome."""
 INSERT = "INSERT INTO labels (attempt_id, at, source, success, note) VALUES (?, ?, ?, ?, ?)"
 
 
@@ -27,7 +29,7 @@ def add_label(folder: Path, attempt_id: str, success: bool | None, source: str =
         folder: the run folder.
         attempt_id: which attempt.
         success: None for "cannot tell".
-        source: `LIVE` or `REVIEW`.
+        source: `REVIEW` or `VIEWER`.
         note: anything.
 
     Raises:

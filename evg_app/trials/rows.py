@@ -9,6 +9,7 @@ from evg_app.errors import BadInput
 from evg_app.events import AttemptOutcome
 from evg_app.trials import schema
 from evg_app.trials.compare import Counts
+from evg_app.trials.labels import OPERATOR
 
 RoundKey = tuple[str, int, int]
 """Run id, seed, round index."""
@@ -19,15 +20,21 @@ SELECT a.attempt_id, a.run_id, a.seed, a.round_index, a.attempt_index, a.outcome
 FROM attempts a JOIN rounds r ON r.run_id = a.run_id AND r.seed = a.seed AND r.round_index = a.round_index
 WHERE a.outcome IS NOT NULL AND r.superseded = 0 ORDER BY a.rowid
 """
-_LABELS = "SELECT attempt_id, success FROM labels ORDER BY rowid"
+_LABELS = "SELECT attempt_id, success, source FROM labels ORDER BY rowid"
 _VERDICTS = "SELECT attempt_id, verdict, candidates FROM verdicts"
 
 
 @dataclass(frozen=True)
 class Label:
-    """What a person said about an attempt; `success` is None for "cannot tell"."""
+    """What a person said about an attempt.
+
+    Attributes:
+        success: None for "cannot tell".
+        asked: whether a protocol asked for it, so that it was the loop's truth.
+    """
 
     success: bool | None
+    asked: bool
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,14 @@ class LogRows:
         label = self.labels.get(row["attempt_id"])
         if row["counts"] and label is not None and label.success is not None:
             return label.success
-        return automatic_success(row)
+        return self.automatic_success(row)
+
+    def automatic_success(self, row: sqlite3.Row) -> bool:
+        """What the loop made of a pass without a person's word."""
+        label = self.labels.get(row["attempt_id"])
+        if label is not None and label.asked:
+            return bool(row["verified"])
+        return bool(row["outcome"] == AttemptOutcome.SUCCESS)
 
     def by_round(self) -> dict[RoundKey, list[sqlite3.Row]]:
         """Passes of every round that counts, in its order."""
@@ -95,11 +109,6 @@ def key(row: sqlite3.Row) -> RoundKey:
     return row["run_id"], row["seed"], row["round_index"]
 
 
-def automatic_success(row: sqlite3.Row) -> bool:
-    """What the loop itself made of a pass."""
-    return bool(row["outcome"] == AttemptOutcome.SUCCESS)
-
-
 def read_rows(folder: Path) -> LogRows:
     """Read a run folder.
 
@@ -113,7 +122,10 @@ def read_rows(folder: Path) -> LogRows:
         superseded = int(db.execute("SELECT COUNT(*) FROM rounds WHERE superseded = 1").fetchone()[0])
         passes = db.execute(_PASSES).fetchall()
         stages = db.execute("SELECT attempt_id, stage, wall_ms FROM stages ORDER BY rowid").fetchall()
-        labels = {r[0]: Label(None if r[1] is None else bool(r[1])) for r in db.execute(_LABELS)}
+        labels: dict[str, Label] = {}
+        for attempt_id, success, source in db.execute(_LABELS):
+            asked = source == OPERATOR or (attempt_id in labels and labels[attempt_id].asked)
+            labels[attempt_id] = Label(None if success is None else bool(success), asked)
         verdicts: dict[str, dict[str, int]] = {}
         for attempt_id, verdict, n in db.execute(_VERDICTS):
             verdicts.setdefault(attempt_id, {})[verdict] = n

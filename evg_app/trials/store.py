@@ -79,13 +79,13 @@ class TrialStore:
             raise LogError(str(self.folder), str(error)) from error
 
     def label(self, attempt_id: str, success: bool | None) -> None:
-        """Keep the operator's label of a finished attempt, at once. None for "cannot tell".
+        """Keep the label that the operator was asked for, of a finished attempt. None for "cannot tell".
 
         Raises:
             LogError: the disk does not take it.
         """
         try:
-            self._add(labels.INSERT, labels.row(attempt_id, success, labels.LIVE))
+            self._add(labels.INSERT, labels.row(attempt_id, success, labels.OPERATOR))
             self._commit()
         except sqlite3.Error as error:
             raise LogError(str(self.folder), str(error)) from error

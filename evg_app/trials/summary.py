@@ -10,7 +10,7 @@ from evg_app.events import COMPUTE_STAGES, StopReason
 from evg_app.trials import schema
 from evg_app.trials.bootstrap import cluster_bootstrap, design_effect
 from evg_app.trials.reasons import reason, tree
-from evg_app.trials.rows import LogRows, automatic_success, key, read_rows
+from evg_app.trials.rows import LogRows, key, read_rows
 from evg_app.trials.sample_size import for_half_width
 from evg_app.trials.statistics import agreement, confusion, fraction, median_p95, picks_per_hour, tally, wilson
 
@@ -113,14 +113,14 @@ def _operator(rows: LogRows) -> dict[str, Any] | None:
     if not executed:
         return None
     said = [(row, rows.labels[row["attempt_id"]].success) for row in executed]
-    pairs = [(automatic_success(row), success) for row, success in said if success is not None]
-    automatic = [automatic_success(row) for row in rows.passes if row["counts"]]
+    pairs = [(rows.automatic_success(row), success) for row, success in said if success is not None]
+    automatic = [rows.automatic_success(row) for row in rows.passes if row["counts"]]
     k, n = sum(automatic), len(automatic)
     return {
         "labelled": len(executed),
         "cannot_tell": len(executed) - len(pairs),
         **agreement(pairs),
-        "disagreeing_attempts": [r["attempt_id"] for r, s in said if s is not None and s != automatic_success(r)],
+        "disagreeing_attempts": [r["attempt_id"] for r, s in said if s is not None and s != rows.automatic_success(r)],
         "gsr_automatic": fraction(k, n),
         "gsr_automatic_counts": [k, n],
         "gsr_automatic_ci": list(wilson(k, n)),

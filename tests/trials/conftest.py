@@ -1,6 +1,7 @@
-"""Makes `picking_fakes` importable."""
+"""Makes `picking_fakes` and `kill_harness` importable."""
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "picking"))
+for folder in (Path(__file__).parent.parent / "picking", Path(__file__).parent):
+    sys.path.insert(0, str(folder))

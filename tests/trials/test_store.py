@@ -1,26 +1,31 @@
 """A run folder is never overwritten, and what was finished survives a kill."""
 
 import os
-import signal
-import subprocess
-import sys
-import textwrap
+import re
+import shutil
+import sqlite3
+import tempfile
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
-from picking_fakes import Lab
+from kill_harness import kill_often
+from picking_fakes import LOOK, Lab
 
 from evg_app.errors import BadInput
-from evg_app.events import RunStarted, StateEntered
-from evg_app.trials import arrays
+from evg_app.events import AttemptFinished, RunStarted, StateEntered, Warned
+from evg_app.trials import arrays, schema
 from evg_app.trials.folder import make, newest
+from evg_app.trials.labels import VIEWER, add_label
 from evg_app.trials.provenance import canonical, git_commit, provenance, sha256
 from evg_app.trials.recorder import Recorder
-from evg_app.trials.schema import open_existing
+from evg_app.trials.schema import DATABASE, FIRST_TABLES, SCHEMA_VERSION, open_existing
 from evg_app.trials.store import LogError, TrialStore
 from evg_app.trials.summary import summary
 
-PICKING = Path(__file__).parent.parent / "picking"
+KILLS = 8
+"""In the tests; 200 in docs/trials.md."""
 
 
 def test_a_folder_with_content_is_refused_and_untouched(tmp_path):
@@ -40,11 +45,24 @@ def test_a_place_that_cannot_be_written_is_bad_input(tmp_path):
         make(tmp_path / "file" / "run")
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_parent_is_bad_input(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(BadInput, match="cannot be written"):
-        make(tmp_path / "run")
+@contextmanager
+def nobody():
+    """As a user who owns nothing, when the tests run as root; as the user otherwise."""
+    is_root = os.geteuid() == 0
+    if is_root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+
+
+def test_a_read_only_parent_is_bad_input():
+    with tempfile.TemporaryDirectory() as parent:
+        Path(parent).chmod(0o555)
+        with nobody(), pytest.raises(BadInput, match="Permission denied"):
+            make(Path(parent) / "run")
 
 
 def test_a_parent_that_the_system_mounts_read_only_is_bad_input():
@@ -99,45 +117,55 @@ def test_an_interrupted_run_still_has_numbers(tmp_path):
     assert facts["stop_reasons"] == {"error": 1}
 
 
-WRITER = """
-    import sys
-    from pathlib import Path
-    sys.path.insert(0, {picking!r})
-    from picking_fakes import Lab
-    from evg_app.events import AttemptFinished
-    from evg_app.trials.recorder import Recorder
+def test_kill_9_at_random_moments_corrupts_nothing_and_loses_no_finished_attempt():
+    found = kill_often(KILLS, seed=1)
+    assert found.kills == KILLS and found.attempts > 0
+    assert found.corrupt == found.lost == found.too_many == []
 
-    lab = Lab(script="S" * 100_000, objects=25)
-    with Recorder(Path({folder!r}), {{}}, {{}}) as recorder:
+
+def stopped_by_the_log(tmp_path, spoil):
+    """A run whose log is spoiled after the first attempt; returns the lab, the result and the folder."""
+    lab = Lab(script="SSSSSSSS", objects=8)
+    with Recorder(tmp_path / "run", {}, {}) as recorder:
         lab.listeners.append(recorder)
-        def finished(event):
-            if isinstance(event, AttemptFinished):
-                sys.stdout.write(event.attempt_id + chr(10))
-                sys.stdout.flush()
-        lab.listeners.append(finished)
-        lab.run(rounds=1000)
-"""
+
+        def after_the_first(event):
+            if isinstance(event, AttemptFinished) and not lab.of(Warned):
+                once(recorder)
+
+        done = []
+
+        def once(recorder):
+            if not done:
+                done.append(spoil(recorder.store))
+
+        lab.listeners.append(after_the_first)
+        result = lab.run()
+    return lab, result, tmp_path / "run"
 
 
-@pytest.mark.parametrize("attempts", [1, 7])
-def test_kill_9_loses_no_finished_attempt(tmp_path, attempts):
-    folder = tmp_path / "run"
-    code = textwrap.dedent(WRITER).format(picking=str(PICKING), folder=str(folder))
-    writer = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    assert writer.stdout is not None
-    finished = [writer.stdout.readline().strip() for _ in range(attempts)]
-    os.kill(writer.pid, signal.SIGKILL)
-    finished += [line.strip() for line in writer.stdout.read().splitlines() if line.strip()]
-    writer.wait()
-    db = open_existing(folder)
-    assert db.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
-    stored = {r[0]: r[1] for r in db.execute("SELECT attempt_id, arrays FROM attempts WHERE outcome IS NOT NULL")}
-    db.close()
-    assert set(finished) <= set(stored) and len(stored) <= len(finished) + 1
-    for name in stored.values():
-        assert "depth" in arrays.read(folder / name)
-    facts = summary(folder)
-    assert facts["attempts"] == len(stored) and facts["status"] == "interrupted"
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda store: store._db.execute("PRAGMA max_page_count = 1"), "database or disk is full"),
+        (lambda store: store._db.execute("PRAGMA query_only = ON"), "readonly"),
+        (lambda store: _no_folder(store.folder), "No such file|Not a directory"),
+    ],
+    ids=["disk full", "read-only", "folder gone"],
+)
+def test_a_log_that_cannot_be_written_is_reported_while_the_arm_ends_at_rest(tmp_path, spoil, words):
+    lab, result, folder = stopped_by_the_log(tmp_path, spoil)
+    assert isinstance(result.error, LogError) and result.exit_code == 4
+    assert re.search(words, str(result.error)) and "--resume" in str(result.error)
+    assert np.allclose(lab.arm.q, LOOK, atol=0.02), "the arm went back to its look pose"
+    assert lab.gripper.width > 0.05, "the object in hand was not left there"
+    assert lab.binned == 2, "the second attempt was finished, none began after it"
+    assert summary(folder)["attempts"] == 1, "the finished attempt is still in the log"
+
+
+def _no_folder(folder):
+    shutil.rmtree(folder / "attempts")
+    (folder / "attempts").write_bytes(b"")
 
 
 def test_events_of_an_attempt_in_progress_are_lost_whole_not_in_part(tmp_path):
@@ -160,3 +188,70 @@ def test_provenance_says_where_numbers_come_from(tmp_path):
 def test_the_config_hash_depends_on_values_not_on_order():
     a, b = {"x": 1, "y": [1, 2]}, {"y": [1, 2], "x": 1}
     assert sha256(canonical(a)) == sha256(canonical(b)) != sha256(canonical({"x": 2, "y": [1, 2]}))
+
+
+def first_version(folder):
+    """A log as schema version 1 wrote it, with one attempt."""
+    db = sqlite3.connect(folder / DATABASE)
+    db.executescript(FIRST_TABLES)
+    db.execute("PRAGMA user_version = 1")
+    db.execute("INSERT INTO runs VALUES ('r', 't', 't', 'finished', '', '[0]', 1, 'm', '', '{}', 'x', '{}')")
+    db.execute("INSERT INTO rounds VALUES ('r', 0, 0, 3, 'cleared', '')")
+    row = "'a', 'r', 0, 0, 0, 1, 'success', 1, 1, 1, '', '{}', 2.0, 3.0, 5, 0, 0, 0.9, 0.05, 'attempts/a.npz'"
+    db.execute(f"INSERT INTO attempts VALUES ({row})")
+    db.commit()
+    db.close()
+    return folder
+
+
+def test_an_old_log_is_read_without_being_changed(tmp_path):
+    folder = first_version(tmp_path)
+    before = (folder / DATABASE).read_bytes()
+    facts = summary(folder)
+    assert (facts["successes"], facts["attempts"], facts["protocol"]) == (1, 1, None)
+    assert (folder / DATABASE).read_bytes() == before
+
+
+def test_an_old_log_is_migrated_where_it_lies_when_something_is_added(tmp_path):
+    folder = first_version(tmp_path)
+    add_label(folder, "a", False)
+    facts = summary(folder)
+    assert facts["successes"] == 0 and facts["operator"]["gsr_automatic"] == 1.0
+    db = sqlite3.connect(folder / DATABASE)
+    assert db.execute("PRAGMA user_version").fetchone()[0] == SCHEMA_VERSION
+    db.close()
+
+
+def test_a_migrated_log_has_the_tables_of_a_new_one(tmp_path):
+    def tables(db):
+        return sorted(row[0] for row in db.execute("SELECT sql FROM sqlite_master WHERE sql IS NOT NULL"))
+
+    old = first_version(tmp_path)
+    new = tmp_path / "new"
+    new.mkdir()
+    schema.create(new).close()
+    add_label(old, "a", None)
+    a, b = (sqlite3.connect(folder / DATABASE) for folder in (old, new))
+    assert tables(a) == tables(b)
+    a.close()
+    b.close()
+
+
+def test_labels_may_be_written_by_somebody_else_while_a_run_goes_on(tmp_path):
+    lab = Lab(script="SSS", objects=3)
+    with Recorder(tmp_path / "run", {}, {}) as recorder:
+        lab.listeners.append(recorder)
+        said = []
+
+        def from_outside(event):
+            if isinstance(event, StateEntered) and event.state == "lift" and lab.of(AttemptFinished):
+                attempt = lab.of(AttemptFinished)[-1].attempt_id
+                add_label(tmp_path / "run", attempt, False, VIEWER)
+                said.append(attempt)
+
+        lab.listeners.append(from_outside)
+        lab.run()
+    facts = summary(tmp_path / "run")
+    assert len(said) == 2 and facts["operator"]["labelled"] == 2 and facts["successes"] == 1
+    with pytest.raises(BadInput, match="has no attempt 'nobody'"):
+        add_label(tmp_path / "run", "nobody", True)
