@@ -9,6 +9,8 @@ from scipy.interpolate import BSpline, CubicSpline
 from evg_app.geometry import Array
 
 LINE_KNOTS = 2
+SHORTEST = 1e-9
+"""A path shorter than this stands still [rad]."""
 
 
 class Curve(Protocol):
@@ -16,6 +18,22 @@ class Curve(Protocol):
 
     def __call__(self, s: Array, nu: int = 0) -> Array:
         """The nu-th derivative at s (M,). Shape (M, J)."""
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """The straight line from `start` along `direction` (J,), with the interface of a curve."""
+
+    start: Array
+    direction: Array
+
+    def __call__(self, s: Array, nu: int = 0) -> Array:
+        if nu == 0:
+            return np.asarray(self.start + np.asarray(s)[:, None] * self.direction)
+        value: Array = np.zeros((len(s), len(self.direction)))
+        if nu == 1:
+            value += self.direction
+        return value
 
 
 @dataclass(frozen=True)
@@ -60,7 +78,11 @@ class JointPath:
 
 def line(a: Array, b: Array) -> JointPath:
     """The straight path in joint space."""
-    return through(np.stack([a, b]))
+    length = float(np.linalg.norm(b - a))
+    waypoints = np.stack([a, b])
+    if length < SHORTEST:
+        return JointPath(_Segment(a, np.zeros_like(a)), 0.0, np.array([0.0, 1.0]), waypoints)
+    return JointPath(_Segment(a, (b - a) / length), length, np.array([0.0, length]), waypoints)
 
 
 def through(waypoints: Array) -> JointPath:
@@ -68,8 +90,10 @@ def through(waypoints: Array) -> JointPath:
 
     With two waypoints it is the straight line.
     """
+    if len(waypoints) == LINE_KNOTS:
+        return line(waypoints[0], waypoints[1])
     length = float(np.linalg.norm(np.diff(waypoints, axis=0), axis=1).sum())
-    if length < 1e-9:
+    if length < SHORTEST:
         still = np.repeat(waypoints[:1], 2, axis=0)
         return JointPath(CubicSpline([0.0, 1.0], still, bc_type="natural"), 0.0, np.array([0.0, 1.0]), waypoints)
     # Even spacing when the steps are alike: the speed along the curve then has no wiggles.

@@ -1,4 +1,4 @@
-"""Free joint-space motion: straight, over a raised via-point, or by RRT-Connect; always checked densely."""
+"""Free joint-space motion: straight, over a raised via-point, or by OMPL's RRT-Connect; always checked densely."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,13 +11,15 @@ from evg_app.geometry import Array
 from evg_app.motion.carry import Carry
 from evg_app.motion.collision import ArmChecker
 from evg_app.motion.path import JointPath, blended, line, polyline
-from evg_app.motion.rrt import rrt_connect
 from evg_app.motion.scene import Scene
+from evg_app.motion.search import search
 from evg_app.motion.timing import fastest
 from evg_app.motion.trajectory import limits
 
 CHECK_STEP = 0.005
 """No point of the arm or of what it holds moves further than this between two checks [m]."""
+SEARCH_STEP = 0.02
+"""The same while a tree is searched; its result is then checked at `CHECK_STEP` [m]."""
 COARSE, MOST_COARSE = 0.15, 15
 """The first pass looks at configurations this far apart [rad], at no more than so many steps."""
 SLACK = 1.1
@@ -63,16 +65,18 @@ class Router:
         """A check with the spheres' own radii."""
         return Check(scene, gripper, self.checker.body.radius)
 
-    def is_free(self, path: JointPath, check: Check) -> bool:
-        """Whether the whole path is inside the joint limits and free of collision, densely checked."""
-        return self._dense(path, lambda q, frames: self._free(q, frames, check), check.carry)
+    def is_free(self, path: JointPath, check: Check, step: float = CHECK_STEP) -> bool:
+        """Whether the whole path is inside the joint limits and free of collision, checked every `step` [m]."""
+        return self._dense(path, lambda q, frames: self._free(q, frames, check), check.carry, step)
 
     def carry_hits(self, path: JointPath, carry: Carry) -> bool:
         """Whether a held object touches something on a path along which the arm was found free."""
         return not self._dense(path, lambda _, frames: not self._carry_hits(frames, carry), carry)
 
-    def _dense(self, path: JointPath, is_free: Callable[[Array, Array], bool], carry: Carry | None) -> bool:
-        """Whether `is_free` holds along a path, at configurations between which nothing moves beyond `CHECK_STEP`.
+    def _dense(
+        self, path: JointPath, is_free: Callable[[Array, Array], bool], carry: Carry | None, step: float = CHECK_STEP
+    ) -> bool:
+        """Whether `is_free` holds along a path, at configurations between which nothing moves further than `step` [m].
 
         Args:
             path: what is checked.
@@ -86,10 +90,10 @@ class Router:
             return False
         while True:
             moved = self.moved(frames, carry)
-            wide = np.flatnonzero(moved > CHECK_STEP)
+            wide = np.flatnonzero(moved > step)
             if len(wide) == 0:
                 return True
-            parts = np.ceil(moved[wide] * SLACK / CHECK_STEP).astype(np.int64)
+            parts = np.ceil(moved[wide] * SLACK / step).astype(np.int64)
             between = [np.linspace(s[k], s[k + 1], n + 1)[1:-1] for k, n in zip(wide, parts, strict=True)]
             new = np.concatenate(between)
             q = path.at(new)
@@ -150,19 +154,26 @@ class Router:
         except Refused:
             return float("inf")
 
-    def _waypoints(self, a: Array, b: Array, check: Check, search: bool) -> Array | None:
+    def _waypoints(self, a: Array, b: Array, check: Check, search_too: bool) -> Array | None:
         """Configurations (W, 7) from a to b whose straight connections are free."""
-
-        def edge_free(p: Array, q: Array) -> bool:
-            return self.is_free(line(p, q), check)
-
         for waypoints in self._detours(a, b):
-            if all(edge_free(p, q) for p, q in pairwise(waypoints)):
+            if self._edges_free(waypoints, check):
                 return waypoints
-        if not search:
+        if not search_too:
             return None
         kinematics = self.checker.kinematics
-        return rrt_connect(a, b, kinematics.lower, kinematics.upper, edge_free)
+        for step in (SEARCH_STEP, CHECK_STEP):
+
+            def edge_free(p: Array, q: Array, step: float = step) -> bool:
+                return self.is_free(line(p, q), check, step)
+
+            found = search(a, b, kinematics.lower, kinematics.upper, edge_free)
+            if found is None or self._edges_free(found, check):
+                return found
+        return None
+
+    def _edges_free(self, waypoints: Array, check: Check) -> bool:
+        return all(self.is_free(line(p, q), check) for p, q in pairwise(waypoints))
 
     def _detours(self, a: Array, b: Array) -> list[Array]:
         """Ways over raised hands and known configurations, the quickest first. Each (W, 7)."""
