@@ -45,7 +45,7 @@ class Ros2Arm:
         self._publisher: Any = None
         self._motion: Ros2Motion | None = None
         self._entered = False
-        self.notes: tuple[str, ...] = ()
+        self.warnings: tuple[str, ...] = ()
         """What a person should know about this connection; filled on entry."""
 
     @property
@@ -79,7 +79,7 @@ class Ros2Arm:
 
     def _open(self) -> None:
         setting = network()
-        self.notes = (str(setting), *setting.notes)
+        self.warnings = (str(setting), *setting.notes)
         self._reader.subscribe(self._link)
         if self._recovery is not None:
             self._recovery.open()
@@ -88,7 +88,7 @@ class Ros2Arm:
             kind = interface("trajectory_msgs.msg", "JointTrajectory")
             what = f"a publisher of {config.arm_topic}"
             self._publisher = self._link.call(lambda: node.create_publisher(kind, config.arm_topic, 1), what)
-            self.notes += (LOST_WITHOUT_CONTROL_MSGS.format(topic=config.arm_topic),)
+            self.warnings += (LOST_WITHOUT_CONTROL_MSGS.format(topic=config.arm_topic),)
             return
         from rclpy.action import ActionClient
 

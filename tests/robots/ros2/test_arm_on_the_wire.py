@@ -229,7 +229,7 @@ def test_force_comes_in_newton_and_torque_in_newton_metre(robot: Ros2Robot, peer
 def test_without_control_msgs_the_topic_moves_and_brakes_the_arm_and_says_what_is_lost(peer: PeerProcess):
     opened = open_robot(load_robot("panda"), use_topic=True)
     with opened.arm:
-        assert any("nobody accepts or rejects" in note for note in opened.arm.notes)
+        assert any("nobody accepts or rejects" in note for note in opened.arm.warnings)
         assert end_of(opened.arm.execute(motion(opened))).reached
         handle = opened.arm.execute(motion(opened, -2 * TURN, 3.0))
         assert handle.wait(1.0) is None

@@ -1,0 +1,168 @@
+"""Picking rounds on an arm behind ROS 2 actions: the loop here, the arm, the objects and the camera over there.
+
+Example: `.venv-ros/bin/python tests/robots/ros2/peer/ros2_lab.py --scene packed --rounds 5 --json out.json`
+The robot is reached over ROS 2 only; camera images, new scenes and the truth come beside it, as from a person.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ros2_peer import PeerProcess, isolate
+
+from evg_app.clock import Clock
+from evg_app.config.files import load_camera, load_robot
+from evg_app.errors import DeviceTimeout
+from evg_app.events import AttemptFinished, Event, MotionEnded, Warned, fan_out
+from evg_app.geometry import Array
+from evg_app.grasping.load import load_planner
+from evg_app.grasping.protocol import Planner
+from evg_app.motion.feasibility import MotionPlanner
+from evg_app.picking.context import Context, Devices, Settings
+from evg_app.picking.motion import PlannedMotion
+from evg_app.picking.perceive import TablePerception
+from evg_app.picking.run import RunResult, run_rounds
+from evg_app.robots.ros2 import Ros2Robot, open_robot
+from evg_app.trials.recorder import Recorder
+from evg_app.trials.statistics import rate
+from evg_app.trials.summary import summary
+from evg_app.types import Frame, Intrinsics
+
+SETTINGS = Settings()
+
+
+class PeerCamera:
+    """The peer's depth camera; stamped with our clock."""
+
+    def __init__(self, peer: PeerProcess, clock: Clock) -> None:
+        self._peer, self._clock, self._number = peer, clock, 0
+        self._config = load_camera("d435i")
+        self.T_base_cam: Array = peer.ask("camera_pose")
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        return self._config.simulated_intrinsics()
+
+    @property
+    def frame_id(self) -> str:
+        return self._config.frame_id
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def capture(self, *, after: float, timeout: float) -> Frame:
+        if self._clock.now() < after:
+            raise DeviceTimeout("a frame", timeout)
+        self._number += 1
+        return replace(self._peer.ask("frame"), stamp=self._clock.now(), number=self._number)
+
+
+class PeerRounds:
+    """Sets the peer's table."""
+
+    def __init__(self, peer: PeerProcess, robot: Ros2Robot) -> None:
+        self._peer, self._robot = peer, robot
+
+    def prepare(self, round_index: int, seed: int) -> int:
+        count = int(self._peer.ask("round", round_index, seed))
+        self._robot.arm.recover(5.0)
+        return count
+
+
+class PeerReferee:
+    """The peer's truth."""
+
+    def __init__(self, peer: PeerProcess) -> None:
+        self._peer = peer
+
+    def on_table(self) -> int:
+        return int(self._peer.ask("truth")[0])
+
+    def in_bin(self) -> int:
+        return int(self._peer.ask("truth")[1])
+
+
+def pick(
+    peer: PeerProcess,
+    planner: Planner,
+    folder: Path,
+    seed: int,
+    rounds: int,
+    listen: Callable[[Event], None] = lambda event: None,
+    with_referee: bool = True,
+    settings: Settings = SETTINGS,
+) -> RunResult:
+    """The same loop as `evg-app run`, on the peer."""
+    config, camera_config = load_robot("panda"), load_camera("d435i")
+    opened = open_robot(config)
+    motion = MotionPlanner(config)
+    with Recorder(folder, {"peer": "ros2"}) as recorder, opened.arm, opened.gripper:
+        camera = PeerCamera(peer, opened.clock)
+        perception = TablePerception(
+            config.T_base_task.matrix(),
+            lambda q: camera.T_base_cam,
+            motion.kinematics.link_primitives,
+            camera_config.table_is_ruler,
+        )
+        context = Context(
+            devices=Devices(camera, opened.arm, opened.gripper, opened.clock),
+            perception=perception,
+            planner=planner,
+            motion=PlannedMotion(motion),
+            robot=config,
+            camera=camera_config,
+            sink=fan_out(recorder, listen),
+            referee=PeerReferee(peer) if with_referee else None,
+            settings=settings,
+        )
+        return run_rounds(context, PeerRounds(peer, opened), (seed,), rounds)
+
+
+def tell(event: Event) -> None:
+    """Progress, for a person who waits."""
+    if isinstance(event, Warned):
+        sys.stdout.write(f"  {event.cause}: {event.text}\n")
+    elif isinstance(event, MotionEnded) and not event.result.reached:
+        sys.stdout.write(f"  {event.name}: {event.result.reason}\n")
+    elif isinstance(event, AttemptFinished):
+        sys.stdout.write(f"{event.attempt_id}: {event.outcome} {event.failure}\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--scene", default="packed")
+    parser.add_argument("--model", default="equiigd")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--speed", type=float, default=1.0)
+    parser.add_argument("--run-dir", type=Path, required=True)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--no-referee", action="store_true", help="the loop judges for itself; the truth is kept apart")
+    args = parser.parse_args()
+    isolate()
+    peer = PeerProcess("--scene", args.scene, "--speed", str(args.speed))
+    try:
+        planner = load_planner(args.model, None, "cpu")
+        result = pick(peer, planner, args.run_dir, args.seed, args.rounds, tell, not args.no_referee)
+    finally:
+        peer.close()
+    named = sum(r.stop_reason.value not in ("error", "stopped by the user") for r in result.rounds)
+    sys.stdout.write(f"rounds that ended with a reason of their own: {rate(named, args.rounds)}\n")
+    facts = summary(args.run_dir) | {"rounds_completed": named, "rounds_asked": args.rounds}
+    if args.json:
+        args.json.write_text(json.dumps(facts, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
