@@ -43,7 +43,7 @@ class Progress:
         elif isinstance(event, DepthChecked):
             say(f"camera: {event.text}")
         elif isinstance(event, Warned):
-            say(f"{self._label}: warning: {event.text}")
+            say(f"{self._label or '  before'}: warning: {event.text}")
 
     @staticmethod
     def _judged(event: Judged) -> str:

@@ -3,10 +3,12 @@
 import argparse
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from evg_app.cli.console import say
 from evg_app.cli.operator import Operator
+from evg_app.cli.protocols import Procedure
 from evg_app.cli.real_lab import RealLab, Wishes, build_real_lab, entered
 from evg_app.cli.stopping import stop_file, stop_now
 from evg_app.config.calibration import Calibration
@@ -19,13 +21,14 @@ from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.slower import slowed
 from evg_app.perception.run_health import run_health
-from evg_app.picking.context import Context, Devices
+from evg_app.picking.context import Context, Devices, Rounds
 from evg_app.picking.dry import dry_run
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
 from evg_app.picking.run import RunResult, run_rounds
 from evg_app.picking.slowed import SlowedMotion
 from evg_app.picking.stop import StopToken
+from evg_app.trials.scorekeeper import Labeller, Scorekeeper
 
 AT_LOOK_RAD = 0.05
 """The arm is out of the camera's way when every joint is this close to the look pose [rad]."""
@@ -42,6 +45,22 @@ class TableSetter:
     def prepare(self, round_index: int, seed: int) -> int | None:
         """Ask for the table to be set; how many objects are on it, None when nobody counted."""
         return self._operator.number(f"Round {round_index}: set the table. How many objects? (Enter: not counted)")
+
+
+@dataclass(frozen=True)
+class Table:
+    """Who sets the table and judges: the procedure, and where the operator's labels are kept."""
+
+    procedure: Procedure
+    label: Labeller
+
+
+def _at_table(ctx: Context, operator: Operator, table: Table) -> tuple[Context, Rounds]:
+    """With a protocol the operator is told what to place, and is the referee."""
+    if table.procedure.protocol is None:
+        return ctx, TableSetter(operator)
+    keeper = Scorekeeper(table.procedure.protocol, operator.answer, say, table.label)
+    return replace(ctx, referee=keeper, sink=fan_out(ctx.sink, keeper)), keeper
 
 
 def speed_of(args: argparse.Namespace, robot: RobotConfig) -> float:
@@ -64,26 +83,27 @@ def run_real(
     motion: MotionPlanner,
     sink: Sink,
     folder: Path,
+    share: float,
+    table: Table,
 ) -> RunResult:
-    """Connect, check, and run the rounds.
+    """Connect, check, and run the rounds at a share of the configured speed.
 
     Raises:
         EvgError: refusal or hardware.
     """
     stop = StopToken()
     operator = Operator(stop)
-    share = speed_of(args, robot)
     wishes = Wishes(args.driver or robot.driver, args.camera, args.host, args.serial, args.step, args.dry_run)
     lab = build_real_lab(robot, camera, calibration, wishes, motion.kinematics, operator.confirm, sink)
     say("limits, guard and stops of evg-app are software and NOT a safety function: keep your emergency stop at hand")
     with _connected(lab, args.stop_file or folder / "STOP", stop, sink):
         ctx = context_of(lab, planner, motion, share, stop, fan_out(lab.arm.listen, sink))
         check_camera(lab, ctx)
-        rounds = TableSetter(operator)
+        ctx, rounds = _at_table(ctx, operator, table)
         if args.dry_run:
             return dry_run(ctx, rounds, args.seeds, args.rounds, lab.arm.check)
         _home_if_needed(lab)
-        return run_rounds(ctx, rounds, args.seeds, args.rounds)
+        return run_rounds(ctx, rounds, args.seeds, args.rounds, table.procedure.done)
 
 
 @contextmanager
@@ -135,7 +155,6 @@ def check_camera(lab: RealLab, ctx: Context) -> None:
     T_cam_task = invert(lab.T_base_cam(q)) @ lab.robot.T_base_task.matrix()
     health = run_health(ctx.perception.clean(frame, q), T_cam_task, lab.camera_config)
     ctx.sink(Warned("camera health", health.text()))
-    say(f"camera: {health.text()}")
     away = abs(q - lab.robot.look_q_rad).max() < AT_LOOK_RAD
     if away:
         health.require()

@@ -48,7 +48,7 @@ class GuardedArm:
     ) -> None:
         self._arm, self._tool_path, self._box = arm, tool_path, box
         self._acknowledge, self._step, self._dry = acknowledge, step, dry
-        self._next, self._halted = "motion", ""
+        self._next, self._halted, self._declined = "motion", "", False
 
     def listen(self, event: Event) -> None:
         """An event sink: learns the name of the motion that comes next."""
@@ -134,15 +134,19 @@ class GuardedArm:
             DeviceTimeout: it is not idle after `timeout` [s].
         """
         self.state()
-        if self._halted and not self._acknowledge(
-            f"The arm stopped by itself ({self._halted}). Is the scene clear, and may it recover and move on?"
-        ):
+        if self._halted and not self._may_go_on():
             raise HardwareError(
                 f"the arm stopped by itself ({self._halted}) and nobody let it go on; it holds. "
                 "Clear the scene and run the command again"
             )
         self._arm.recover(timeout)
         self._halted = ""
+
+    def _may_go_on(self) -> bool:
+        """Ask once; a no stays a no."""
+        question = f"The arm stopped by itself ({self._halted}). Is the scene clear, and may it recover and move on?"
+        self._declined = self._declined or not self._acknowledge(question)
+        return not self._declined
 
     def ended(self, result: MotionResult) -> None:
         """Called by a motion when it ends: one that fell short may have been a protective stop."""

@@ -20,14 +20,15 @@ CONNECT_TIMEOUT = 15.0
 """The controller must answer within this [s]."""
 START_TIMEOUT = 3.0
 """It must take a motion within this [s]."""
+TAKE_TIMEOUT = 1.0
+"""Frames that were set must show in the controller's states within this [s]."""
+TAKES = "the controller to take frames and thresholds"
 STALE_S = 0.5
 """A state older than this is no state [s]."""
 START_TOLERANCE = 0.02
 """A trajectory must start this close to where the arm is [rad]."""
 GOAL_TOLERANCE = 0.01
 """The goal counts as reached within this [rad]."""
-LOSS_WORTH_SAYING = 0.02
-"""From this share of lost states on, a warning is due."""
 
 _MODES = {
     "Idle": ArmMode.IDLE,
@@ -87,8 +88,8 @@ class FciArm:
         self._worker = Worker("arm", main, (self._block, self._orders, options), Leave())
         before = self._facts(CONNECT_TIMEOUT, f"the robot at {fci.host} to answer")
         self._worker.send(handshake.configuration(self._robot, before))
-        self.facts = after = self._facts(START_TIMEOUT, "the controller to take frames and thresholds")
-        warnings = handshake.require(handshake.differences(self._robot, before, after, self._tool_pose))
+        self.facts = self._facts(START_TIMEOUT, TAKES)
+        warnings = handshake.require(self._differences(before))
         if fci.arm == "fer":
             text = f"the arm is an FR3, robot '{self._robot.name}' is configured as a Panda (fci.arm: fer)"
             warnings += (f"{text}: every motion is checked against the FR3's limits as well",)
@@ -96,6 +97,17 @@ class FciArm:
         if fci.realtime != "ignore":
             realtime.leave_core(found, fci.core)
         self.warnings = warnings + tuple(realtime.advice(found))
+
+    def _differences(self, before: Facts) -> list[handshake.Finding]:
+        """What differs from our model once the controller has taken the configuration."""
+        end = time.monotonic() + TAKE_TIMEOUT
+        while True:
+            assert self.facts is not None
+            found = handshake.differences(self._robot, before, self.facts, self._tool_pose)
+            if time.monotonic() > end or not any(f.fault for f in found):
+                return found
+            self._running().send(handshake.configuration(self._robot, self.facts))
+            self.facts = self._facts(START_TIMEOUT, TAKES)
 
     def _facts(self, timeout: float, what: str) -> Facts:
         worker = self._running()
@@ -247,7 +259,7 @@ class FciArm:
                     self._failed(message)
                 message = self._worker.poll(0.0)
         except HardwareError as error:
-            self._broken = str(error)
+            self._broken = self._broken or str(error)
 
     def _failed(self, failed: Failed) -> None:
         if failed.kind == "NetworkException":

@@ -64,7 +64,7 @@ class FciGripper:
         self._busy = False
         if isinstance(answer, Gripped):
             return answer
-        if isinstance(answer, Failed) and answer.kind in ("ImportError", "ModuleNotFoundError"):
+        if isinstance(answer, Failed) and answer.kind == "ImportError":
             raise MissingExtra("pylibfranka", "franka")
         text = answer.text if isinstance(answer, Failed) else str(answer)
         kind = answer.kind if isinstance(answer, Failed) else ""
@@ -108,13 +108,13 @@ class FciGripper:
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float, timeout: float
     ) -> GripperResult:
-        """Close with `force` [N]; success iff the hand says so and the opening lies in the epsilon window [m]."""
+        """Close with `force` [N]; success iff the opening ends in the epsilon window [m], whatever the hand says."""
         answer = self._ask(Grip("grasp", (width, speed, force, epsilon_inner, epsilon_outer)), timeout)
         inside = width - epsilon_inner < answer.width < width + epsilon_outer
-        message = answer.message
+        said = answer.message or ("" if answer.success else "the hand itself reports no grasp")
         if not inside:
-            message = f"stopped at {answer.width * 1e3:.1f} mm, wanted {width * 1e3:.1f} mm. {message}".strip()
-        return GripperResult(answer.success and inside, answer.width, message)
+            said = f"stopped at {answer.width * 1e3:.1f} mm, wanted {width * 1e3:.1f} mm; {said}"
+        return GripperResult(inside and not answer.message, answer.width, said)
 
     def stop(self) -> None:
         """Stop the fingers where they are. A command under way is abandoned: its connection is closed first.

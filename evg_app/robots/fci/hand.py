@@ -13,10 +13,14 @@ def main(pipe: Connection, host: str) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         import pylibfranka
-
+    except ImportError as error:
+        pipe.send(Failed("ImportError", str(error)))
+        return
+    refusals = (RuntimeError, pylibfranka.FrankaException)
+    try:
         gripper = pylibfranka.Gripper(host)
         pipe.send(_read(gripper, True))
-    except (ImportError, RuntimeError) as error:
+    except refusals as error:
         pipe.send(Failed(type(error).__name__, str(error)))
         return
     try:
@@ -25,24 +29,24 @@ def main(pipe: Connection, host: str) -> None:
             if isinstance(request, Leave):
                 return
             if isinstance(request, Grip):
-                pipe.send(_carry_out(gripper, request))
+                pipe.send(_carry_out(gripper, request, refusals))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
 
 
-def _carry_out(gripper: Any, request: Grip) -> Gripped | Failed:
+def _carry_out(gripper: Any, request: Grip, refusals: tuple[type[Exception], ...]) -> Gripped | Failed:
     """One command; a command that the hand refuses is no success, a lost connection is `Failed`."""
     success, message = True, ""
     try:
         if request.command != "read":
             success = bool(getattr(gripper, request.command)(*request.arguments))
-    except RuntimeError as error:
+    except refusals as error:
         if type(error).__name__ == "NetworkException":
             return Failed("NetworkException", str(error))
         success, message = False, str(error)
     try:
         return _read(gripper, success, message)
-    except RuntimeError as error:
+    except refusals as error:
         return Failed(type(error).__name__, str(error))
 
 

@@ -81,7 +81,7 @@ def _connect(pipe: Connection, block: StateBlock, orders: Orders, options: Optio
         link = Link(pipe, block, orders, options, pylibfranka, robot, got)
         link.publish(robot.read_once())
         pipe.send(Done(link.facts()))
-    except RuntimeError as error:
+    except (RuntimeError, pylibfranka.FrankaException) as error:
         pipe.send(Failed(type(error).__name__, str(error)))
         return None
     return link
@@ -186,7 +186,7 @@ class Link:
                 self._pipe.send(Done(self.facts()))
         except self._library.NetworkException:
             raise
-        except RuntimeError as error:
+        except (RuntimeError, self._library.FrankaException) as error:
             self._pipe.send(Failed(type(error).__name__, str(error)))
 
     def _configure(self, request: Configure) -> None:
@@ -209,7 +209,7 @@ class Link:
             reason = self._stream(control, request, profile)
         except self._library.NetworkException:
             raise
-        except RuntimeError as error:
+        except (RuntimeError, self._library.FrankaException) as error:
             failure = str(error)
         error_left = self._settle(profile.goal)
         self._pipe.send(
