@@ -59,8 +59,9 @@ def _progress(rows: "list[SceneRow]", wanted: int) -> None:
 def _report(facts: dict[str, Any]) -> None:
     say(f"{facts['scenes']} scenes, seed {facts['seed']}, unknown space {facts['unknown_space']}")
     say(f"reachable grasps found   {rate(facts['reachable_found'], facts['reachable_total'])}")
-    if facts["reachable_missed"]:
-        say("    missed: " + ", ".join(f"{word} {n}" for word, n in facts["reachable_missed"].items()))
+    say(f"    made a whole pick of   {rate(facts['reachable_picked'], facts['reachable_total'])}")
+    if facts["reachable_not_picked"]:
+        say("    the others: " + ", ".join(f"{word} {n}" for word, n in facts["reachable_not_picked"].items()))
     for arm, numbers in facts["arms"].items():
         say(f"touched before closing, {arm}: {rate(numbers['contacts'], numbers['executed'])}")
         for pair, n in list(numbers["touched"].items())[:5]:

@@ -18,16 +18,18 @@ class Target:
 
     Attributes:
         owner: index of its object.
-        configuration: the exhaustive search found a configuration at the grasp that touches nothing.
-        legs: and one with straight approach and lift that touch nothing.
-        found: the planner made a whole pick of it.
-        verdict: the planner's word.
+        configuration: the exhaustive search found a configuration at the grasp where the arm touches nothing.
+        legs: and one with straight approach and lift on which it touches nothing.
+        found: the planner's own search found such approach and lift.
+        picked: the planner made a whole pick of it: gripper, object in hand, free paths and timing included.
+        verdict: the planner's word on the whole pick.
     """
 
     owner: int
     configuration: bool
     legs: bool
     found: bool
+    picked: bool
     verdict: str
 
 

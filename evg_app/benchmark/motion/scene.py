@@ -102,9 +102,16 @@ def reachable(
         T = T_base_task @ targets.T_task_grasp[index]
         complete = reachability(planner, scene, T, q, seeds)
         decision = planner.plan_pick(targets.take(np.array([index])), view, q)
-        owner, done = int(targets.owner[index]), decision.pick is not None
-        verdict = str(decision.verdicts[0])
-        found.append(Target(owner, complete.configuration, complete.legs, done, verdict))
+        found.append(
+            Target(
+                owner=int(targets.owner[index]),
+                configuration=complete.configuration,
+                legs=complete.legs,
+                found=complete.found_legs,
+                picked=decision.pick is not None,
+                verdict=str(decision.verdicts[0]),
+            )
+        )
     return tuple(found)
 
 

@@ -38,17 +38,18 @@ def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str]) -> d
 
 
 def reach_facts(targets: Sequence[Target]) -> dict[str, Any]:
-    """Of the targets with a complete answer (`Target.legs`), how many the planner made a pick of, and why not."""
+    """Of the targets with a complete answer (`Target.legs`), how many the planner finds, and picks, and why not."""
     total = [t for t in targets if t.legs]
-    found = sum(t.found for t in total)
+    found, picked = sum(t.found for t in total), sum(t.picked for t in total)
     return {
         "reachable_found": found,
         "reachable_total": len(total),
         "reachable_ci": list(wilson(found, len(total))),
-        "reachable_missed": tally(t.verdict for t in total if not t.found),
+        "reachable_picked": picked,
+        "reachable_picked_ci": list(wilson(picked, len(total))),
+        "reachable_not_picked": tally(t.verdict for t in total if not t.picked),
         "reach_targets": len(targets),
         "reach_configuration_total": sum(t.configuration for t in targets),
-        "reach_found_beyond": sum(t.found and not t.legs for t in targets),
     }
 
 
@@ -89,7 +90,7 @@ def _of_kind(rows: Sequence[SceneRow], kind: str, policies: Sequence[str]) -> di
         facts[cycle.arm]["executed"] += 1
         facts[cycle.arm]["contacts"] += bool(cycle.contacts)
     reach = reach_facts([t for row in mine for t in row.targets])
-    return facts | {key: reach[key] for key in ("reachable_found", "reachable_total")}
+    return facts | {key: reach[key] for key in ("reachable_found", "reachable_picked", "reachable_total")}
 
 
 def _worst(cycles: Sequence[Cycle]) -> dict[str, float]:

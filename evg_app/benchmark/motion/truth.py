@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from evg_app.geometry import TABLE_HEIGHT, WORKSPACE_SIZE, Array, transform_points
 from evg_app.learning.generate import solids_of
@@ -69,7 +70,7 @@ def _grid(distance: TrueDistance) -> TsdfGrid:
 
 
 def _volume(distance: TrueDistance, T_base_task: Array) -> CollisionVolume:
-    """Voxels within half a voxel of a surface are occupied, as a camera all around would have it."""
+    """The outermost voxels of every object are occupied, as a camera all around would have it."""
     origin, n = volume_origin(T_base_task), round(VOLUME_SIZE / VOXEL)
     occupied, observed = np.zeros((n, n, n), dtype=np.bool_), np.ones((n, n, n), dtype=np.bool_)
     low, high = (transform_points(T_base_task, corner) for corner in distance.corners())
@@ -79,8 +80,10 @@ def _volume(distance: TrueDistance, T_base_task: Array) -> CollisionVolume:
     centers = origin + (index.reshape(-1, 3) + 0.5) * VOXEL
     signed = distance.at((centers - T_base_task[:3, 3]) @ T_base_task[:3, :3]).reshape(index.shape[:3])
     block = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
-    occupied[block], observed[block] = np.abs(signed) <= VOXEL / 2, signed > -VOXEL
-    return CollisionVolume(occupied, observed | occupied, origin, VOXEL)
+    body = signed <= VOXEL / 2
+    occupied[block] = body & ~ndimage.binary_erosion(body)
+    observed[block] = occupied[block] | ~body
+    return CollisionVolume(occupied, observed, origin, VOXEL)
 
 
 def _tensor(a: NDArray[Any], dtype: type) -> Any:
