@@ -18,9 +18,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--packed-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
     parser.add_argument("--pile-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
     parser.add_argument(
-        "--weights", type=Path, metavar="FILE", help="add this network's own proposals, judged by physics"
+        "--weights", type=Path, metavar="FILE", help="add this network's own proposals, with labels"
     )
-    parser.add_argument("--proposals", type=int, default=24, metavar="N", help="so many per scene (default 24)")
+    parser.add_argument("--proposals", type=int, default=60, metavar="N", help="so many per scene (default 60)")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
     parser.set_defaults(run=run)
 

@@ -24,7 +24,7 @@ class BatchSizes:
     positives: int = 96
     collisions: int = 96
     slips: int = 48
-    proposals: int = 24
+    proposals: int = 40
     weak: int = 80
     occupancy: int = 512
 

@@ -16,8 +16,11 @@ class WeightAverage:
         """Take in the network's weights after a step; early on the average follows faster."""
         self.count += 1
         keep = min(self.decay, (1 + self.count) / (10 + self.count))
+        own, new = [], []
         for key, value in model.state_dict().items():
             if value.is_floating_point():
-                self.state[key].lerp_(value, 1.0 - keep)
+                own.append(self.state[key])
+                new.append(value)
             else:
                 self.state[key].copy_(value)
+        torch._foreach_lerp_(own, new, 1.0 - keep)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from evg_app.errors import BadInput
 from evg_app.learning.labels import Kind, LabelledGrasps, WithContact, balance, sample_and_label, with_contact
-from evg_app.learning.proposals import propose, try_all
+from evg_app.learning.proposals import judge_proposals, propose, try_all
 from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
 from evg_app.learning.solids import SceneSolids, Solid
 from evg_app.learning.surface import half_spaces, sample_occupancy, sample_surface
@@ -54,8 +54,9 @@ class GenerateConfig:
         slip_share: share of the negatives that are collision-free slips, where there are enough.
         points: occupancy samples per scene.
         verified: share of the grasps that physics tries as well; its word counts.
-        weights: a network (weights file) whose own proposals are added, judged by physics; None for none.
+        weights: a network (weights file) whose own proposals are added; None for none.
         proposals: how many of them per scene.
+        tries: how many of the proposals that are too close to call for the rule are tried in physics.
     """
 
     seed: int = 0
@@ -70,7 +71,8 @@ class GenerateConfig:
     points: int = 3072
     verified: float = 0.02
     weights: str | None = None
-    proposals: int = 24
+    proposals: int = 60
+    tries: int = 3
 
     @property
     def shards(self) -> int:
@@ -199,8 +201,8 @@ def _sample(config: GenerateConfig, state: SceneState, name: str, rng: np.random
     grids = quantise(scene_grids(SceneCaster(state), views, rng))
     proposed = np.zeros(len(chosen.kind), dtype=np.bool_)
     if config.weights is not None:
-        T, _ = propose(config.weights, grids.astype(np.float32) / np.float32(255.0), config.proposals, rng)
-        tried, tried_contact = try_all(state, T)
+        T = propose(config.weights, grids.astype(np.float32) / np.float32(255.0), config.proposals, rng)
+        tried, tried_contact = judge_proposals(scene, state, T, config.tries)
         chosen, contact = chosen.join(tried), np.concatenate([contact, tried_contact])
         proposed = np.concatenate([proposed, np.ones(len(tried_contact), dtype=np.bool_)])
     return SceneSample(

@@ -65,22 +65,24 @@ class LabelledGrasps:
         )
 
 
+def judge(scene: SceneSolids, T_task_grasp: Array) -> tuple[LabelledGrasps, NDArray[np.bool_]]:
+    """Judge poses (N, 4, 4), and say which are sure (N,): the others are too close to call."""
+    n = len(T_task_grasp)
+    clearance = scene.clearance(T_task_grasp)
+    sure = clearance <= CLOSE
+    free = np.flatnonzero(clearance >= FREE)
+    kind, width, owner = np.full(n, Kind.COLLISION, dtype=np.uint8), np.full(n, 0.08), np.full(n, -1, dtype=np.int64)
+    hold = check_holds(scene, T_task_grasp[free])
+    kind[free] = np.where(hold.holds, Kind.POSITIVE, Kind.SLIP)
+    width[free], owner[free] = np.where(hold.holds, hold.width, 0.08), hold.owner
+    sure[free] = hold.holds | hold.slips
+    return LabelledGrasps(T_task_grasp, kind, width, owner), sure
+
+
 def label(scene: SceneSolids, T_task_grasp: Array) -> LabelledGrasps:
     """Judge poses (N, 4, 4); those too close to call are left out. Returns at most N grasps."""
-    clearance = scene.clearance(T_task_grasp)
-    collides, free = clearance <= CLOSE, clearance >= FREE
-    hits = np.flatnonzero(collides)
-    open_ = T_task_grasp[free]
-    hold = check_holds(scene, open_)
-    kind = np.where(hold.holds, Kind.POSITIVE, Kind.SLIP).astype(np.uint8)
-    judged = LabelledGrasps(open_, kind, np.where(hold.holds, hold.width, 0.08), hold.owner)
-    collided = LabelledGrasps(
-        T_task_grasp[hits],
-        np.full(len(hits), Kind.COLLISION, dtype=np.uint8),
-        np.full(len(hits), 0.08),
-        np.full(len(hits), -1),
-    )
-    return judged.take(np.flatnonzero(hold.holds | hold.slips)).join(collided)
+    judged, sure = judge(scene, T_task_grasp)
+    return judged.take(sure)
 
 
 def with_contact(scene: SceneSolids, grasps: LabelledGrasps) -> NDArray[np.uint8]:

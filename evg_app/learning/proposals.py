@@ -1,4 +1,4 @@
-"""A network's own proposals, judged by physics: examples of what it believes, right or wrong."""
+"""A network's own proposals with their truth: examples of what it believes, right or wrong."""
 
 from functools import lru_cache
 
@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from evg_app.geometry import Array
 from evg_app.grasping.planner import GraspPlanner, PlannerConfig
-from evg_app.learning.labels import Kind, LabelledGrasps, WithContact
+from evg_app.learning.labels import Kind, LabelledGrasps, WithContact, judge, with_contact
 from evg_app.learning.physics import TrialBench
+from evg_app.learning.solids import SceneSolids
 from evg_app.simulation.state import SceneState
 
 SEARCH = PlannerConfig(threshold=0.05, nms_radius=0.008, nms_angle=0.26)
@@ -19,22 +20,33 @@ BEST_SHARE = 0.4
 """Share of the proposals that are the best ranked; the others are drawn from the rest."""
 
 
-def propose(weights: str, grids: NDArray[np.float32], count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """About `count` poses (N, 4, 4) and openings [m] (N,) that a network proposes on some of the views (V, 40, 40, 40).
+def propose(weights: str, grids: NDArray[np.float32], count: int, rng: np.random.Generator) -> Array:
+    """At most about `count` poses (N, 4, 4) that a network proposes on some of the views (V, 40, 40, 40).
 
     Raises:
         WeightsError: the weights cannot be used.
     """
-    poses, widths = [np.zeros((0, 4, 4))], [np.zeros(0)]
+    poses = [np.zeros((0, 4, 4))]
     each = -(-count // VIEWS)
     for view in rng.permutation(len(grids))[:VIEWS]:
         grasps = _planner(weights).plan(grids[view], int(rng.integers(2**31)))
         best = np.arange(min(len(grasps), round(BEST_SHARE * each)))
         rest = rng.permutation(np.arange(len(best), len(grasps)))[: each - len(best)]
-        chosen = np.concatenate([best, rest])
-        poses.append(grasps.T_task_grasp[chosen])
-        widths.append(grasps.width[chosen])
-    return np.concatenate(poses), np.concatenate(widths)
+        poses.append(grasps.T_task_grasp[np.concatenate([best, rest])])
+    return np.concatenate(poses)
+
+
+def judge_proposals(
+    scene: SceneSolids, state: SceneState, T_task_grasp: Array, tries: int
+) -> tuple[LabelledGrasps, NDArray[np.uint8]]:
+    """Labels of poses (N, 4, 4), and `WithContact` of each.
+
+    The rule judges; of those too close to call for it the first `tries` go to physics, and the rest are left out.
+    """
+    judged, sure = judge(scene, T_task_grasp)
+    by_rule = judged.take(sure)
+    tried, contact = try_all(state, T_task_grasp[~sure][:tries])
+    return by_rule.join(tried), np.concatenate([with_contact(scene, by_rule), contact])
 
 
 def try_all(state: SceneState, T_task_grasp: Array) -> tuple[LabelledGrasps, NDArray[np.uint8]]:

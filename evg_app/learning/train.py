@@ -97,8 +97,10 @@ class Trainer:
         if config.start is not None:
             model.load_state_dict(load_weights(config.start)[0].state_dict())
         self.config, self.store, self.folder, self.model = config, store, folder, model.to(torch_device(config.device))
-        self.average = WeightAverage(model, config.ema)
-        self.optimiser = torch.optim.Adam(model.parameters(), lr=config.learning_rate)
+        self.average = WeightAverage(self.model, config.ema)
+        self.optimiser = torch.optim.Adam(
+            self.model.parameters(), lr=config.learning_rate, fused=torch.device(config.device).type == "cuda"
+        )
         self.step, self.used_seconds, self.scene_visits = 0, 0.0, 0
         self.metrics: dict[str, float] = {}
         self._recent: dict[str, Tensor] = {}
