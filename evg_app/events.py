@@ -124,6 +124,16 @@ class FrameTaken:
 
 
 @dataclass(frozen=True, eq=False)
+class ViewTaken:
+    """A frame from the robot's `view_q_rad[index]`; it is fused with the `FrameTaken` that follows. Else as there."""
+
+    index: int
+    frame: Frame
+    q: Array
+    T_base_cam: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Fused:
     """The frame, its depth times `depth_factor`, became the planner's grid; `points` lie above the table.
 
@@ -297,6 +307,7 @@ Event = (
     | StateEntered
     | StageTimed
     | FrameTaken
+    | ViewTaken
     | Fused
     | GraspsPlanned
     | Judged

@@ -84,6 +84,8 @@ class RobotConfig(Model):
     Attributes:
         joints, hand_link: what everything outside the URDF calls them.
         urdf_joints, urdf_hand_link: what the URDF calls them, where that differs.
+        look_q_rad: where the arm waits while the camera looks.
+        view_q_rad: poses from which a camera on the hand looks before that; all views are fused.
         obstacles: declared boxes: walls, a camera stand.
         attached: declared bodies on the arm.
         unknown_space: "optimistic": what no camera saw is free; "conservative": inside the workspace cube it is not.
@@ -102,6 +104,7 @@ class RobotConfig(Model):
     T_base_task: Pose
     home_q_rad: tuple[float, ...]
     look_q_rad: tuple[float, ...]
+    view_q_rad: tuple[tuple[float, ...], ...] = ()
     limits: JointLimits
     gripper: GripperModel
     drop: DropModel
@@ -132,6 +135,7 @@ class RobotConfig(Model):
             "home_q_rad": self.home_q_rad,
             "look_q_rad": self.look_q_rad,
             "drop.q_rad": self.drop.q_rad,
+            **{f"view_q_rad.{i}": q for i, q in enumerate(self.view_q_rad)},
             **self.limits.vectors(),
         }
         if self.urdf_joints:

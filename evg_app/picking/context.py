@@ -1,7 +1,7 @@
 """What the loop is handed: devices, planner, motion, perception, and who listens. Protocols only."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -60,8 +60,8 @@ class Perception(Protocol):
     def problem(self, frame: Frame, q: Array) -> str:
         """Why no plan may be made on this frame, empty when it is good enough."""
 
-    def view(self, frame: Frame, q: Array) -> View:
-        """Fuse a clean frame."""
+    def view(self, frame: Frame, q: Array, further: Sequence[tuple[Frame, Array]] = ()) -> View:
+        """Fuse a clean frame, and clean frames of further views with the arm's positions [rad] at their exposure."""
 
     def change(
         self, before: tuple[Frame, Array], after: tuple[Frame, Array], T_base_grasp: Array, radius: float, step: float

@@ -20,15 +20,19 @@ from evg_app.picking.devices import (
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome, State
 from evg_app.picking.verify import held
+from evg_app.picking.views import look_around
 from evg_app.types import MotionResult, Trajectory
 
 Moved = Literal[Outcome.OK, Outcome.BLOCKED]
 
 
 def look(round_: Round) -> Moved:
-    """Begin a pass: open the gripper and go where the arm does not hide the scene."""
+    """Begin a pass: open the gripper, look from the further views, go where the arm does not hide the scene."""
     round_.start_attempt()
     open_gripper(round_)
+    blocked = look_around(round_)
+    if blocked is not None:
+        return _ended(round_, blocked)
     return _ended(round_, go_to(round_, "look", look_pose(round_)))
 
 

@@ -23,7 +23,7 @@ def observe(round_: Round) -> Literal[Outcome.OK, Outcome.EMPTY, Outcome.CLEARED
     with round_.timed(Stage.FILTER):
         clean = perception.clean(frame, q)
     with round_.timed(Stage.FUSE):
-        view = perception.view(clean, q)
+        view = perception.view(clean, q, attempt.further)
     round_.emit(Fused(view.tsdf, view.points, view.depth_factor, view.volume))
     attempt.frame, attempt.q, attempt.view = frame, q, view
     if view.points >= round_.ctx.settings.empty_points:

@@ -67,13 +67,14 @@ class TablePerception:
         """Why no plan may be made on this frame, empty when it is good enough."""
         return depth_health(frame, self._T_cam_task(q)).advice
 
-    def view(self, frame: Frame, q: Array) -> View:
-        """Fuse a clean frame into the planner's grid and the collision volume."""
-        T_cam_task = self._T_cam_task(q)
-        factor = fit_table(frame, T_cam_task).scale if self._table_is_ruler else 1.0
-        frame = rescale(frame, factor)
-        volume = fuse_volume([(frame, invert(self.T_base_cam(q)))], self._T_base_task)
-        return View(fuse([(frame, T_cam_task)]), volume, points_above_table(frame, T_cam_task), factor)
+    def view(self, frame: Frame, q: Array, further: Sequence[tuple[Frame, Array]] = ()) -> View:
+        """Fuse clean frames into the planner's grid and the collision volume; each is ruled by itself."""
+        factor = fit_table(frame, self._T_cam_task(q)).scale if self._table_is_ruler else 1.0
+        seen = [(rescale(frame, factor), q), *((self._ruled(other, at), at) for other, at in further)]
+        volume = fuse_volume([(one, invert(self.T_base_cam(at))) for one, at in seen], self._T_base_task)
+        in_task = [(one, self._T_cam_task(at)) for one, at in seen]
+        points = max(points_above_table(one, T_cam_task) for one, T_cam_task in in_task)
+        return View(fuse(in_task), volume, points, factor)
 
     def change(
         self, before: tuple[Frame, Array], after: tuple[Frame, Array], T_base_grasp: Array, radius: float, step: float

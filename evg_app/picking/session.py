@@ -51,6 +51,7 @@ class Attempt:
         released: it was told to open over the bin.
         blocked: why a motion did not get where it should, empty when all did.
         fault: what a device reported, empty when nothing.
+        further: clean frames of the views before the look pose, with the arm's position [rad] at each.
         recoveries: how often the arm was brought back during this pass.
         changed: the scene changed between planning and approach, so the pass ended without a grasp.
     """
@@ -71,6 +72,7 @@ class Attempt:
     held_release: bool | None = None
     evidence: Evidence = field(default_factory=Evidence)
     frame: Frame | None = None
+    further: list[tuple[Frame, Array]] = field(default_factory=list)
     q: Array | None = None
     view: View | None = None
     grasps: Grasps = field(default_factory=Grasps.empty)

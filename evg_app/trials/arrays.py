@@ -4,14 +4,14 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged
+from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged, ViewTaken
 from evg_app.types import Frame, Grasps, Intrinsics, Trajectory
 
 
@@ -20,6 +20,7 @@ class Gathered:
     """What the events of one pass brought so far."""
 
     frame: FrameTaken | None = None
+    views: list[ViewTaken] = field(default_factory=list)
     fused: Fused | None = None
     grasps: Grasps = field(default_factory=Grasps.empty)
     judged: Judged | None = None
@@ -39,6 +40,8 @@ class Gathered:
         """Keep what this event brings, if anything."""
         if isinstance(event, FrameTaken):
             self.frame = event
+        elif isinstance(event, ViewTaken):
+            self.views[event.index :] = [event]
         elif isinstance(event, Fused):
             self.fused = event
         elif isinstance(event, GraspsPlanned):
@@ -48,7 +51,7 @@ class Gathered:
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """By name, as they are written."""
-        return {**self._seen(), **self._proposed(), **self._moved()}
+        return {**self._seen(), **_further(self.views), **self._proposed(), **self._moved()}
 
     def _seen(self) -> dict[str, np.ndarray[Any, Any]]:
         out: dict[str, np.ndarray[Any, Any]] = {}
@@ -108,6 +111,41 @@ def _fused(fused: Fused) -> dict[str, np.ndarray[Any, Any]]:
             "volume_voxel_size": np.array(fused.volume.voxel_size),
         }
     return out
+
+
+def _further(views: Sequence[ViewTaken]) -> dict[str, np.ndarray[Any, Any]]:
+    """The further views, stacked; nothing when there are none."""
+    if not views:
+        return {}
+    return {
+        "views.depth": np.stack([view.frame.depth for view in views]),
+        "views.depth_scale": np.array([view.frame.depth_scale for view in views], dtype=np.float64),
+        "views.stamp": np.array([view.frame.stamp for view in views], dtype=np.float64),
+        "views.q": np.stack([view.q for view in views]),
+        "views.T_base_cam": np.stack([view.T_base_cam for view in views]),
+    }
+
+
+def views_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> list[ViewTaken]:
+    """The further views that an attempt's arrays hold, with the optics of its frame."""
+    if "views.depth" not in stored:
+        return []
+    frame = frame_of(stored).frame
+    return [
+        ViewTaken(
+            index,
+            replace(
+                frame,
+                depth=stored["views.depth"][index],
+                depth_scale=float(stored["views.depth_scale"][index]),
+                stamp=float(stored["views.stamp"][index]),
+                color=None,
+            ),
+            stored["views.q"][index],
+            stored["views.T_base_cam"][index],
+        )
+        for index in range(len(stored["views.depth"]))
+    ]
 
 
 def frame_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> FrameTaken:

@@ -231,7 +231,7 @@ class FakePerception:
     T_base_task = translation(0.3, -0.15, 0.0)
 
     def __init__(self, lab: "Lab") -> None:
-        self.lab = lab
+        self.lab, self.fused = lab, []
 
     def T_base_cam(self, q: np.ndarray) -> np.ndarray:
         return translation(0.3, 0.0, 0.6)
@@ -242,7 +242,8 @@ class FakePerception:
     def problem(self, frame: Frame, q: np.ndarray) -> str:
         return "" if (frame.depth > 0).any() else "the image holds no depth."
 
-    def view(self, frame: Frame, q: np.ndarray) -> View:
+    def view(self, frame: Frame, q: np.ndarray, further=()) -> View:
+        self.fused.append(len(further))
         grid = TsdfGrid(np.zeros((40, 40, 40), np.float32), np.ones((40, 40, 40), bool))
         volume = CollisionVolume(np.zeros((2, 2, 2), bool), np.ones((2, 2, 2), bool), np.zeros(3), 0.0125)
         return View(grid, volume, 1000 * self.lab.on_table() if self.lab.sees else 0)

@@ -20,7 +20,7 @@ from evg_app.picking.perceive import TablePerception
 from evg_app.picking.session import Attempt, Emitter, Round
 from evg_app.picking.states import Outcome, State
 from evg_app.robots.protocol import MotionHandle
-from evg_app.trials.arrays import Gathered, frame_of
+from evg_app.trials.arrays import Gathered, frame_of, views_of
 from evg_app.trials.recorded import RecordedAttempt
 from evg_app.types import ArmMode, ArmState, Frame, GripperResult, GripperState, Intrinsics, Trajectory
 
@@ -68,10 +68,11 @@ class Playback:
         return gathered
 
     def _round(self, attempt: RecordedAttempt, gathered: Gathered) -> Round:
-        taken = frame_of(attempt.stored)
+        taken, views = frame_of(attempt.stored), views_of(attempt.stored)
+        poses = {view.q.tobytes(): view.T_base_cam for view in (*views, taken)}
         perception = TablePerception(
             taken.T_base_task,
-            lambda q: taken.T_base_cam,
+            lambda q: poses[q.tobytes()],
             self._motion.kinematics.link_primitives,
             self._camera.table_is_ruler,
         )
@@ -87,6 +88,7 @@ class Playback:
         )
         round_ = Round(ctx, Emitter(ctx.sink, ctx.stop), attempt.seed, attempt.round_index, None)
         round_.attempt = Attempt(attempt.attempt_id, attempt.index, attempt.planner_seed)
+        round_.attempt.further.extend((perception.clean(view.frame, view.q), view.q) for view in views)
         return round_
 
 
