@@ -18,6 +18,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "cameras"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "robots" / "ros2" / "peer"))
+sys.path.insert(0, str(Path(__file__).parent.parent / "robots" / "fci"))
 
 from recordings import table_depth, write_recording
 
@@ -110,7 +111,27 @@ def ros2() -> Bench:
     return Bench(opened.arm, opened.gripper, opened.clock, lambda: None)
 
 
-BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated, "ros2": ros2}
+@cache
+def peer_of_fci():
+    """The strict speaker of the Franka protocol in another process, with nothing between its fingers."""
+    from fci_peers import franka_sim
+
+    peer = franka_sim(object_width=None)
+    atexit.register(peer.close)
+    return peer
+
+
+def fci() -> Bench:
+    from fci_peers import robot_at, tool_pose_of
+
+    from evg_app.robots.fci.arm import FciArm
+    from evg_app.robots.fci.gripper import FciGripper
+
+    robot = robot_at(peer_of_fci().host)
+    return Bench(FciArm(robot, tool_pose_of(robot)), FciGripper(robot), WallClock(), lambda: None)
+
+
+BENCHES: dict[str, Callable[[], Bench]] = {"simulated": simulated, "ros2": ros2, "fci": fci}
 CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {
     "simulated": simulated_camera,
     "realsense": realsense_camera,
@@ -118,8 +139,8 @@ CAMERA_BENCHES: dict[str, Callable[[], CameraBench]] = {
 }
 
 
-NEEDS = {"ros2": pytest.mark.ros}
-"""Benches that run in an environment of their own."""
+NEEDS = {"ros2": pytest.mark.ros, "fci": pytest.mark.slow}
+"""Benches that run in an environment of their own, or take long."""
 ROBOTS = [pytest.param(name, marks=NEEDS.get(name, ())) for name in sorted(BENCHES)]
 
 

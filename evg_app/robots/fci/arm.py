@@ -191,14 +191,10 @@ class FciArm:
             np.minimum(limits.acceleration_rad_s2, envelope.FR3.acceleration),
             np.minimum(limits.jerk_rad_s3, envelope.FR3.jerk),
         )
-        worker = self._running()
-        worker.send(request)
-        answer = worker.wait("the controller to start the motion", START_TIMEOUT, "Look at Desk for an error.")
+        answer = self._request(request, Started, "the controller to start the motion", START_TIMEOUT)
         if isinstance(answer, Failed):
             self._failed(answer)
             raise HardwareError(f"the controller rejected the motion: {answer.text}")
-        if not isinstance(answer, Started):
-            raise HardwareError(f"unexpected answer of the arm process: {answer}")
         self._motion = FciMotion(self, self._number)
         return self._motion
 
@@ -234,9 +230,7 @@ class FciArm:
         if state.mode is ArmMode.USER_STOPPED:
             raise HardwareError("the arm was stopped by a person: release the stop button, unlock the joints in Desk")
         if state.mode is ArmMode.REFLEX:
-            worker = self._running()
-            worker.send(Recover())
-            answer = worker.wait("the controller to recover", max(end - time.monotonic(), 0.1), "Look at Desk.")
+            answer = self._request(Recover(), Done, "the controller to recover", max(end - time.monotonic(), 0.1))
             if isinstance(answer, Failed):
                 self._failed(answer)
                 raise HardwareError(f"the controller did not recover: {answer.text}. Look at Desk for the cause")
@@ -245,6 +239,27 @@ class FciArm:
                 raise DeviceTimeout("the arm to be idle", timeout, f"It is in mode '{MODES[now.mode]}'. Look at Desk.")
             self._take(0.02)
 
+    def _request(self, request: object, wanted: type, what: str, timeout: float) -> object:
+        """Send a request and wait for its answer or `Failed`; the end of a motion may come in between.
+
+        Raises:
+            DeviceTimeout: no answer within `timeout` [s].
+            HardwareError: the process is gone.
+        """
+        worker, end = self._running(), time.monotonic() + timeout
+        worker.send(request)
+        while True:
+            answer = worker.wait(what, max(end - time.monotonic(), 0.0), "Look at Desk for an error.")
+            if isinstance(answer, wanted | Failed):
+                return answer
+            if isinstance(answer, Ended):
+                self._finish(answer)
+
+    def _finish(self, ended: Ended) -> None:
+        if self._motion is not None and self._motion.number == ended.motion:
+            self._motion.finish(ended)
+            self._motion = None
+
     def _take(self, timeout: float) -> None:
         """Take what the process has to say, waiting at most `timeout` [s] for the first."""
         if self._worker is None or self._broken:
@@ -252,9 +267,8 @@ class FciArm:
         try:
             message = self._worker.poll(timeout)
             while message is not None:
-                if isinstance(message, Ended) and self._motion is not None:
-                    self._motion.finish(message)
-                    self._motion = None
+                if isinstance(message, Ended):
+                    self._finish(message)
                 elif isinstance(message, Failed):
                     self._failed(message)
                 message = self._worker.poll(0.0)

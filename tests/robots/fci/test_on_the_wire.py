@@ -145,7 +145,7 @@ def test_a_jump_is_refused_before_it_is_sent_and_a_reflex_when_it_is_sent(strict
             assert time.monotonic() < end
             time.sleep(0.05)
         assert any("discontinuity" in name or "violation" in name for name in arm.state().errors)
-        arm._take(0.5)
+        arm._take(1.0)
         arm.recover(timeout=5.0)
         assert arm.state().mode is ArmMode.IDLE
 
