@@ -38,6 +38,9 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument(
         "--table-ruler", action="store_true", help="scale depth by the known table first (not official)"
     )
+    parser.add_argument(
+        "--strict", action="store_true", help="rank by the score of untouched approaches, as `run` does on an arm"
+    )
     parser.add_argument("--workers", type=count, metavar="N", help="processes (default: all cores)")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the result; FILE's .rounds.jsonl resumes")
     parser.set_defaults(run=clutter)
@@ -66,6 +69,7 @@ def clutter(args: argparse.Namespace) -> int:
         count=args.count,
         camera=args.camera,
         table_ruler=args.table_ruler,
+        allow_contact=not args.strict,
     )
 
     def progress(rows: list[RoundResult], wanted: int) -> None:

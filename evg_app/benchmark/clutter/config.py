@@ -9,6 +9,7 @@ from typing import Any
 
 from evg_app.errors import BadInput, UnknownName
 from evg_app.grasping.load import load_planner
+from evg_app.grasping.planner import PlannerConfig
 from evg_app.grasping.protocol import Planner
 from evg_app.learning.generate import is_validation
 from evg_app.simulation.builtin import builtin_objects
@@ -41,6 +42,8 @@ class BenchmarkConfig:
         split: one of `SPLITS`.
         count: objects asked for.
         camera: one of `CAMERAS`.
+        allow_contact: rank by the score of grasps that may touch on the approach, as this protocol lets them (of the
+            networks that have such a score).
         table_ruler: correct depth by the known table first (not the paper's protocol).
     """
 
@@ -54,6 +57,7 @@ class BenchmarkConfig:
     split: str = "all"
     count: int = 5
     camera: str = "d435i"
+    allow_contact: bool = True
     table_ruler: bool = False
 
     def __post_init__(self) -> None:
@@ -81,7 +85,8 @@ class BenchmarkConfig:
         Raises:
             EvgError: see `load_planner`.
         """
-        return load_planner(self.model, self.weights, self.device)
+        search = PlannerConfig(allow_contact=self.allow_contact)
+        return load_planner(self.model, self.weights, self.device, search)
 
     def object_models(self) -> tuple[ObjectModel, ...]:
         """The objects that scenes are made of, sorted by name.
@@ -100,6 +105,7 @@ class BenchmarkConfig:
     def digest(self, weights_sha256: str) -> str:
         """Hash of all that determines a round beside its seed and number."""
         policy = {"model": self.model, "weights": weights_sha256, "table_ruler": self.table_ruler}
+        policy |= {} if self.allow_contact else {"strict": True}
         text = json.dumps(self.scenes_key() | policy, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
