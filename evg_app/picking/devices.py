@@ -9,7 +9,7 @@ from evg_app.events import GripperMoved, MotionEnded, MotionStarted, Stage, Warn
 from evg_app.geometry import Array
 from evg_app.picking.session import Round
 from evg_app.picking.waiting import Budget, measured
-from evg_app.robots.protocol import Arm, MotionHandle
+from evg_app.robots.protocol import MotionHandle
 from evg_app.types import ArmMode, ArmState, GripperResult, MotionResult, Trajectory
 
 CANCEL_TIMEOUT = 2.0
@@ -24,21 +24,36 @@ Guard = Callable[[], str]
 """Looks at the arm during a motion; a reason to cancel it, or empty."""
 
 
-def contact_guard(arm: Arm, limit: float, slices: int) -> Guard:
-    """Cancels when the force [N] departs by more than `limit` from where it was, `slices` looks in a row.
+def contact_guard(round_: Round) -> Guard:
+    """Cancels when the force [N] departs too far from what it was at rest, some looks in a row.
 
-    A software limit, not a safety function. The start value is subtracted because the estimate carries
-    the error of payload and gravity (spec §7.4).
+    A software limit, not a safety function. The force at rest is averaged and subtracted because the estimate carries
+    the error of payload and gravity (spec §7.4). Torques [Nm] are not looked at.
     """
-    start, above = arm.state().wrench[:3], 0
+    arm, limit, slices = round_.ctx.devices.arm, round_.ctx.robot.contact_force_n, round_.ctx.settings.contact_slices
+    rest, above = _force_at_rest(round_), 0
 
     def look() -> str:
         nonlocal above
-        force = float(np.linalg.norm(arm.state().wrench[:3] - start))
+        force = float(np.linalg.norm(arm.state().wrench[:3] - rest))
         above = above + 1 if force > limit else 0
         return f"{CONTACT} of {force:.0f} N (limit {limit:g} N)" if above >= slices else ""
 
     return look
+
+
+def _force_at_rest(round_: Round) -> Array:
+    """Mean force [N] over the configured time, base frame. Shape (3,)."""
+    ctx = round_.ctx
+    budget = Budget(ctx.devices.clock, ctx.robot.contact.bias_s, ctx.settings.slice_s)
+    forces = [ctx.devices.arm.state().wrench[:3]]
+    while ctx.robot.contact.bias_s > budget.elapsed:
+        ctx.stop.check()
+        ctx.devices.clock.sleep(ctx.settings.slice_s)
+        forces.append(ctx.devices.arm.state().wrench[:3])
+        budget.spend()
+    mean: Array = np.mean(forces, axis=0)
+    return mean
 
 
 def follow(round_: Round, name: str, trajectory: Trajectory, guard: Guard | None = None) -> MotionResult:

@@ -50,7 +50,7 @@ def approach(round_: Round) -> Moved:
     ctx = round_.ctx
     attempt = round_.now
     attempt.stage = State.APPROACH
-    guard = contact_guard(ctx.devices.arm, ctx.robot.contact_force_n, ctx.settings.contact_slices)
+    guard = contact_guard(round_)
     result = follow(round_, State.APPROACH, ready(round_).approach, guard)
     touched = not result.reached and result.reason.startswith(CONTACT)
     attempt.note(contact=touched)

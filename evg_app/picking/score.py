@@ -3,6 +3,7 @@
 from typing import Literal
 
 from evg_app.events import AttemptFinished, AttemptOutcome, StopReason
+from evg_app.picking.evidence import conclude_signs
 from evg_app.picking.session import Attempt, Round
 from evg_app.picking.states import Outcome
 
@@ -21,6 +22,7 @@ def score(
     """Count the pass and decide how the round goes on (spec §6.1)."""
     if not (round_.now.fault or round_.now.blocked):
         round_.recoveries = 0
+    conclude_signs(round_)
     conclude(round_, None)
     referee, settings = round_.ctx.referee, round_.ctx.settings
     if referee is not None and referee.on_table() == 0:
@@ -96,4 +98,6 @@ def _failure(attempt: Attempt, truth: bool | None) -> str:
         return "nothing held after lift"
     if not attempt.held_release:
         return "lost in transit"
+    if attempt.judged is False:
+        return attempt.judged_why
     return "not in the bin" if truth is False else "motion aborted"

@@ -54,6 +54,7 @@ class Attempt:
         further: clean frames of the views before the look pose, with the arm's position [rad] at each.
         recoveries: how often the arm was brought back during this pass.
         changed: the scene changed between planning and approach, so the pass ended without a grasp.
+        judged, judged_why: the judgement from all signs, once made, and why it is no.
     """
 
     attempt_id: str
@@ -67,6 +68,8 @@ class Attempt:
     fault: str = ""
     recoveries: int = 0
     changed: bool = False
+    judged: bool | None = None
+    judged_why: str = ""
     empty: bool = False
     held_lifted: bool | None = None
     held_release: bool | None = None
@@ -82,7 +85,9 @@ class Attempt:
 
     @property
     def verified(self) -> bool | None:
-        """Verify's judgement: held after the lift and still held above the bin."""
+        """The judgement from all signs; before it is made, held after the lift and still held above the bin."""
+        if self.judged is not None:
+            return self.judged
         return None if self.held_lifted is None else bool(self.held_lifted and self.held_release)
 
     def note(self, **facts: float | int | bool | None) -> None:

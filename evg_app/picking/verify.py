@@ -4,17 +4,15 @@ from typing import Literal
 
 from evg_app.config.models import GripperModel
 from evg_app.events import Verified
+from evg_app.picking.evidence import in_window
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome
 from evg_app.types import GripperState
 
-NOT_CLOSED = 0.001
-"""An opening this close to the widest is a gripper that never closed [m]."""
-
 
 def held(state: GripperState, gripper: GripperModel) -> bool:
     """Whether the fingers stopped on something: not fully closed and not fully open."""
-    return gripper.held_width_m < state.width < gripper.max_width_m - NOT_CLOSED
+    return in_window(state.width, gripper)
 
 
 def verify(round_: Round) -> Literal[Outcome.HOLDING, Outcome.EMPTY]:

@@ -12,6 +12,7 @@ BRANCHES = ("perception", "planning", "reach", "collision", "slip", "drop", "har
 _FAILURES = {
     "contact on approach": "collision",
     "nothing held after lift": "slip",
+    "object still in its place": "slip",
     "lost in transit": "drop",
     "not in the bin": "drop",
     "device error": "hardware",

@@ -220,7 +220,7 @@ class FakeCamera(_Device):
         self.lab.clock.sleep(0.03)
         self.number += 1
         depth = np.full((6, 8), 500, dtype=np.uint16)
-        color = np.full((6, 8, 3), 90, dtype=np.uint8)
+        color = np.full((6, 8, 3), self.lab.on_table(), dtype=np.uint8)
         frame = Frame(depth, 0.001, self.intrinsics, self.lab.clock.now(), "cam", color, self.number)
         return frame if self.spoil is None else self.spoil(frame)
 
@@ -250,7 +250,8 @@ class FakePerception:
 
     def change(self, before, after, T_base_grasp: np.ndarray, radius: float, step: float) -> SceneChange:
         assert after[0].number > before[0].number, "the frame to compare with must be a fresh one"
-        return SceneChange(self.lab.moved.pop(0) if self.lab.moved else 0.0, 1.0)
+        taken = 1e-3 * bool((before[0].color != after[0].color).any())
+        return SceneChange(self.lab.moved.pop(0) if self.lab.moved else taken, 1.0)
 
 
 class FakePlanner:
