@@ -229,6 +229,8 @@ class Evidence:
         is_grasped_lifted, is_grasped_release: the device's own flag.
         in_bin_before, in_bin_after: the referee's counts.
         contact: contact stopped the approach.
+        place_area: surface that came or went where the fingers closed, between before and after the pick [m^2].
+        place_compared: share of that place that both images show.
     """
 
     width_closed: float | None = None
@@ -240,6 +242,8 @@ class Evidence:
     in_bin_before: int | None = None
     in_bin_after: int | None = None
     contact: bool | None = None
+    place_area: float | None = None
+    place_compared: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

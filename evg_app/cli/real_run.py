@@ -140,6 +140,7 @@ def context_of(
         camera=lab.camera_config,
         sink=sink,
         stop=stop,
+        settings=Settings(close_after_contact=lab.robot.contact.then == "close"),
     )
 
 

@@ -9,6 +9,7 @@ from evg_app.config.arm import AttachedBody, JointLimits
 from evg_app.config.base import Model as Model
 from evg_app.config.base import Positive, Vector3
 from evg_app.config.camera import CameraConfig as CameraConfig
+from evg_app.config.evidence import ContactModel, EvidenceModel
 from evg_app.config.franka import FciModel, ToolBox
 from evg_app.config.ros2 import Ros2Model
 from evg_app.geometry import Array, from_quaternion
@@ -46,7 +47,10 @@ class BoxModel(Model):
 
 
 class GripperModel(Model):
-    """The parallel gripper. Grasps use width 0 and a wide outer epsilon: success is judged by evg-app."""
+    """The parallel gripper. Grasps use width 0 and a wide outer epsilon: success is judged by evg-app.
+
+    Something is held when the opening is above `held_width_m` and more than `open_margin_m` below the widest.
+    """
 
     max_width_m: Positive = 0.08
     speed_m_s: Positive = 0.1
@@ -54,6 +58,7 @@ class GripperModel(Model):
     epsilon_inner_m: Positive = 0.08
     epsilon_outer_m: Positive = 0.08
     held_width_m: Positive = 0.003
+    open_margin_m: Positive = 0.001
     hand_to_grasp_z_m: float = 0.062
     timeout_s: Positive = 10.0
 
@@ -114,6 +119,8 @@ class RobotConfig(Model):
     pregrasp_m: Positive = 0.08
     lift_m: Positive = 0.15
     contact_force_n: Positive = 25.0
+    contact: ContactModel = ContactModel()
+    evidence: EvidenceModel = EvidenceModel()
     tool_box: ToolBox | None = None
     fci: FciModel = FciModel()
     ros2: Ros2Model | None = None
