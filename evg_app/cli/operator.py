@@ -28,6 +28,11 @@ class Operator:
         say(f"{question} [y/N]")
         return (self._line() or "").strip().lower() in YES
 
+    def answer(self, question: str) -> str:
+        """Ask for a line of text; empty at the end of input, or when the run is told to stop."""
+        say(question)
+        return self._line() or ""
+
     def number(self, question: str) -> int | None:
         """Ask for a whole number; None when there is no terminal or no number was given."""
         if not sys.stdin or not sys.stdin.isatty():

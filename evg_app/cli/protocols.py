@@ -2,16 +2,36 @@
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from evg_app.config.models import WorldConfig
 from evg_app.config.protocol import ProtocolConfig, load_protocol
 from evg_app.errors import BadInput
+from evg_app.grasping.protocol import Planner
+from evg_app.trials.protocol import plan_round
 from evg_app.trials.resume import finished_rounds, require_same
 
 FIXED = {"rounds": 1, "seeds": (0,), "scene": "packed"}
 """Options that a protocol sets, with their defaults: who names a protocol may not set them too."""
+
+
+@dataclass(frozen=True)
+class Procedure:
+    """What a run goes by.
+
+    Attributes:
+        protocol: the published procedure, None without one.
+        done: rounds (seed, index) that an earlier session finished.
+    """
+
+    protocol: ProtocolConfig | None
+    done: frozenset[tuple[int, int]]
+
+    def placement(self, seed: int, index: int) -> dict[str, object]:
+        """What round `index` asks of the operator, for the log."""
+        return {} if self.protocol is None else plan_round(self.protocol, index, seed).facts()
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,15 +69,24 @@ def world_of(world: WorldConfig, protocol: ProtocolConfig | None) -> WorldConfig
     return world if protocol is None else world.model_copy(update={"count": protocol.objects_per_round})
 
 
-def rounds_done(
-    args: argparse.Namespace, folder: Path, config: Mapping[str, Any], model: str, weights_sha256: str
-) -> frozenset[tuple[int, int]]:
-    """Rounds that an earlier session finished; none unless `--resume`.
+def facts(protocol: ProtocolConfig | None) -> dict[str, Any]:
+    """The protocol's part of the run's configuration."""
+    return {} if protocol is None else {"protocol": protocol.model_dump(mode="json")}
+
+
+def procedure(
+    args: argparse.Namespace,
+    protocol: ProtocolConfig | None,
+    folder: Path,
+    config: Mapping[str, Any],
+    planner: Planner,
+) -> Procedure:
+    """The protocol, and with `--resume` the rounds that an earlier session finished.
 
     Raises:
         BadInput: there is no such run, or it was made with another setting.
     """
     if not args.resume:
-        return frozenset()
-    require_same(folder, config, model, weights_sha256)
-    return finished_rounds(folder)
+        return Procedure(protocol, frozenset())
+    require_same(folder, config, planner.name, planner.weights_sha256)
+    return Procedure(protocol, finished_rounds(folder))

@@ -10,11 +10,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from evg_app.cli import hardware_arguments
+from evg_app.cli import hardware_arguments, protocols
 from evg_app.cli.arguments import count, seeds
 from evg_app.cli.console import hushed, say
 from evg_app.config.files import load_robot, load_world
 from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
+from evg_app.config.protocol import ProtocolConfig
 from evg_app.errors import BadInput
 
 DEFAULT_SCENE = "packed"
@@ -69,6 +70,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         "--speed", type=_speed, metavar="X", help="pace at X times real time (default: as fast as it goes)"
     )
     hardware_arguments.add_arguments(parser)
+    protocols.add_arguments(parser)
     parser.set_defaults(run=run)
 
 
@@ -98,18 +100,22 @@ def run(args: argparse.Namespace) -> int:
     robot = load_robot(args.robot, args.config_dir)
     camera = hardware_arguments.camera_config_of(args.camera, args.config_dir)
     _json_target(args.json)
+    protocol = protocols.apply_protocol(args)
     if not args.sim:
-        return _on_hardware(args, robot, camera)
+        return _on_hardware(args, robot, camera, protocol)
     hardware_arguments.refuse_with_sim(args)
-    return _simulate(args, robot, camera, load_world(args.scene, args.config_dir))
+    world = protocols.world_of(load_world(args.scene, args.config_dir), protocol)
+    return _simulate(args, robot, camera, world, protocol)
 
 
-def _on_hardware(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig) -> int:
+def _on_hardware(
+    args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, protocol: ProtocolConfig | None
+) -> int:
     import torch
 
     calibration = hardware_arguments.require_ready(robot, camera, args.config_dir)
     with hushed():
-        from evg_app.cli.real_run import run_real
+        from evg_app.cli.real_run import Table, run_real, speed_of
     from evg_app.cli.progress import Progress
     from evg_app.events import fan_out
     from evg_app.grasping.load import load_planner
@@ -120,17 +126,27 @@ def _on_hardware(args: argparse.Namespace, robot: RobotConfig, camera: CameraCon
     torch.set_num_threads(PLANNER_THREADS)
     planner, motion = load_planner(args.model, args.weights, args.device), MotionPlanner(robot)
     folder = args.run_dir or default_name()
-    config = snapshot(args, robot, camera) | {"calibration": calibration.model_dump(mode="json")}
-    with Recorder(folder, config) as recorder:
+    share = speed_of(args, robot)
+    config = snapshot(args, robot, camera) | protocols.facts(protocol)
+    config |= {"calibration": calibration.model_dump(mode="json"), "speed_share": share}
+    procedure = protocols.procedure(args, protocol, folder, config, planner)
+    with Recorder(folder, config, resume=args.resume, placement=procedure.placement) as recorder:
         sink = fan_out(recorder, Progress())
-        result = run_real(args, robot, camera, calibration, planner, motion, sink, folder)
+        table = Table(procedure, recorder.store.label)
+        result = run_real(args, robot, camera, calibration, planner, motion, sink, folder, share, table)
     _report(folder, args.json)
     if result.error is not None:
         raise result.error
     return result.exit_code
 
 
-def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, world_config: WorldConfig) -> int:
+def _simulate(
+    args: argparse.Namespace,
+    robot: RobotConfig,
+    camera: CameraConfig,
+    world_config: WorldConfig,
+    protocol: ProtocolConfig | None,
+) -> int:
     import torch
 
     with hushed():
@@ -150,12 +166,14 @@ def _simulate(args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig
     film, folder = Film(), args.run_dir or default_name()
     with ExitStack() as stack:
         stack.callback(lab.world.close)
-        config = snapshot(args, robot, camera, world_config)
-        recorder = stack.enter_context(Recorder(folder, config, film=film, pictures_in_film=False))
+        config = snapshot(args, robot, camera, world_config) | protocols.facts(protocol)
+        procedure = protocols.procedure(args, protocol, folder, config, planner)
+        recorder = Recorder(folder, config, None, film, False, args.resume, procedure.placement)
+        stack.enter_context(recorder)
         for device in (lab.camera, lab.arm, lab.gripper):
             stack.enter_context(device)
         ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress()), film)
-        result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds)
+        result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds, procedure.done)
     _report(folder, args.json)
     if result.error is not None:
         raise result.error

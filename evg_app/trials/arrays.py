@@ -17,7 +17,7 @@ from evg_app.types import Frame, Grasps, Intrinsics, Trajectory
 
 @dataclass
 class Gathered:
-    """What the events of one pass brought so far."""
+    """What the events of one pass brought so far; a new frame (the scene had changed) begins it again."""
 
     frame: FrameTaken | None = None
     views: list[ViewTaken] = field(default_factory=list)
@@ -39,7 +39,8 @@ class Gathered:
     def take(self, event: Event) -> None:
         """Keep what this event brings, if anything."""
         if isinstance(event, FrameTaken):
-            self.frame = event
+            self.frame, self.fused, self.judged = event, None, None
+            self.grasps, self.planned = Grasps.empty(), False
         elif isinstance(event, ViewTaken):
             self.views[event.index :] = [event]
         elif isinstance(event, Fused):

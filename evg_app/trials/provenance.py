@@ -11,7 +11,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("evg-app", "torch", "numpy", "scipy", "pin", "coal", "ruckig", "pybullet", "open3d-cpu", "open3d", "pillow")
+PACKAGES = (
+    *("evg-app", "torch", "onnxruntime", "numpy", "scipy", "pin", "coal", "ompl", "ruckig", "pybullet"),
+    *("open3d-cpu", "open3d", "pillow"),
+)
 """Packages whose versions can change a result."""
 
 

@@ -13,11 +13,13 @@ from evg_app.errors import BadInput, HardwareError
 from evg_app.geometry import Array
 from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
+from evg_app.motion.slower import slowed
 from evg_app.picking.context import Context, Devices
 from evg_app.picking.machine import HANDLERS
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
 from evg_app.picking.session import Attempt, Emitter, Round
+from evg_app.picking.slowed import SlowedMotion
 from evg_app.picking.states import Outcome, State
 from evg_app.robots.protocol import MotionHandle
 from evg_app.trials.arrays import Gathered, frame_of, views_of
@@ -46,6 +48,7 @@ class Playback:
         except (KeyError, ValidationError) as error:
             raise BadInput(f"the logged configuration cannot be used by this version of evg-app: {error}") from error
         self._planner, self._motion = planner, MotionPlanner(self._robot)
+        self._speed_share = float(config.get("speed_share", 1.0))
 
     @property
     def weights_sha256(self) -> str:
@@ -81,7 +84,7 @@ class Playback:
             devices=Devices(_LoggedCamera(taken.frame), arm, _NoGripper(), WallClock()),
             perception=perception,
             planner=self._planner,
-            motion=PlannedMotion(self._motion),
+            motion=SlowedMotion(PlannedMotion(self._motion), lambda path: slowed(path, self._speed_share)),
             robot=self._robot,
             camera=self._camera,
             sink=gathered.take,
