@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from evg_app.geometry import GRID_SIZE, VOXEL_SIZE, Array
+from evg_app.grasping import columns
 
 Volume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -42,35 +43,11 @@ def candidate_mask(values: Volume) -> Mask:
     seen = surface(values)
     if not seen.any():
         return seen
-    mask = within(seen, SURFACE_REACH / VOXEL_SIZE)
+    mask = columns.within(seen, SURFACE_REACH / VOXEL_SIZE)
     inside = np.zeros_like(mask)
     within_bounds = (slice(BORDER, -BORDER), slice(BORDER, -BORDER), slice(round(CENTRE_MIN_Z / VOXEL_SIZE), None))
     inside[within_bounds] = mask[within_bounds]
     return inside
-
-
-def within(mask: Mask, radius: float) -> Mask:
-    """Voxels within `radius` [voxels] of some voxel of the mask (40, 40, 40).
-
-    The same as thresholding a distance transform, many times faster: a column of voxels along z is one 64-bit number.
-    """
-    packed = np.zeros((GRID_SIZE, GRID_SIZE, 8), dtype=np.uint8)
-    packed[:, :, : GRID_SIZE // 8] = np.packbits(mask, axis=-1, bitorder="little")
-    columns = packed.view("<u8")[:, :, 0]
-    r = int(radius)
-    grown = [np.pad(columns, r)]  # by 0, 1, ... voxels up and down
-    for h in range(1, r + 1):
-        grown.append(grown[-1] | (grown[0] << np.uint64(h)) | (grown[0] >> np.uint64(h)))
-    out = np.zeros_like(columns)
-    for dx in range(r + 1):
-        line = np.zeros_like(grown[0][:, :GRID_SIZE])  # what lies at most so far away along y and z
-        for dy in range(-r, r + 1):
-            rest = radius**2 - dx**2 - dy**2
-            if rest >= 0:
-                line |= grown[int(rest**0.5)][:, r + dy : r + dy + GRID_SIZE]
-        out |= line[r + dx : r + dx + GRID_SIZE] | line[r - dx : r - dx + GRID_SIZE]
-    bits = np.unpackbits(out[:, :, None].view(np.uint8), axis=-1, count=GRID_SIZE, bitorder="little")
-    return bits.view(np.bool_)
 
 
 def smooth(values: Volume, where: Mask, sigma: float = 1.0) -> Volume:

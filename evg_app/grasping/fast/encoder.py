@@ -7,6 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from evg_app.grasping.fast.lift import SparseLift
 from evg_app.nets.triplane import JointTriUNet
 
 
@@ -30,6 +31,7 @@ class OnnxEncoder:
 
         from evg_app.grasping.fast.graph import encoder_graph
 
+        self._lift = SparseLift(backbone.lift)
         options: Any = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.inter_op_num_threads = 1
@@ -42,7 +44,8 @@ class OnnxEncoder:
 
     def __call__(self, values: NDArray[np.float32]) -> Tensor:
         """See `Encoder`."""
-        return torch.from_numpy(self._session.run(None, {"grid": values})[0])
+        lifted = self._lift(values).numpy()
+        return torch.from_numpy(self._session.run(None, {"lifted": lifted})[0])
 
 
 class TorchEncoder:

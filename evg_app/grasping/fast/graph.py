@@ -27,7 +27,7 @@ class Graph:
     def constant(self, values: NDArray[Any] | list[int]) -> str:
         """A constant array (lists are int64)."""
         name = f"c{len(self.constants)}"
-        array = np.asarray(values, dtype=np.int64) if isinstance(values, list) else np.ascontiguousarray(values)
+        array = np.asarray(values, dtype=np.int64) if isinstance(values, list) else np.array(values, order="C")
         self.constants.append(numpy_helper.from_array(array, name))
         return name
 
@@ -59,11 +59,14 @@ class Graph:
 
 
 def encoder_graph(backbone: JointTriUNet) -> bytes:
-    """Grid (40, 40, 40) named "grid" to planes (3, 40, 40, C) named "planes", as `Features.planes` of one scene."""
-    n, channels = GRID_SIZE, ORDER * backbone.reg[0]
+    """The backbone from lifted planes ("lifted", see `lift`) to `Features.planes` of one scene ("planes").
+
+    Both have the shape (3, 40, 40, C).
+    """
+    shape = [3, GRID_SIZE, GRID_SIZE, ORDER * backbone.reg[0]]
     writer = _Writer(backbone)
-    result = writer.planes("grid")
-    return writer.graph.model({"grid": [n, n, n]}, {"planes": [3, n, n, channels]}, [result])
+    result = writer.planes("lifted")
+    return writer.graph.model({"lifted": shape}, {"planes": shape}, [result])
 
 
 class _Writer:
@@ -74,10 +77,10 @@ class _Writer:
         self.exact = backbone.side == "exact"
         self.views = ORDER if self.exact else 2
 
-    def planes(self, grid: str) -> str:
+    def planes(self, lifted: str) -> str:
         """The three output planes, channels last."""
         g, net = self.graph, self.net
-        xy, views = self._lift(grid)
+        xy, views = self._views(lifted)
         skips: list[tuple[str, str]] = []
         for level in range(len(net.reg)):
             if level:
@@ -100,22 +103,14 @@ class _Writer:
         joined = g.add("Concat", self._regular(xy, net.xy_out), *self._fold(views), axis=0)
         return g.add("Transpose", joined, perm=[0, 2, 3, 1])
 
-    def _lift(self, grid: str) -> tuple[str, str]:
-        """The lifted volume's means: plane xy (1, C, X, Y) and the side views (V, C, horizontal, Z)."""
-        g, lift = self.graph, self.net.lift
-        weight = lift.filter.expand().detach()[:, 0].permute(0, 3, 1, 2)  # (C, z, x, y)
-        z_first = g.add("Transpose", grid, perm=[2, 0, 1])
-        padded = g.add("Pad", z_first, g.constant([1, 0, 0, 1, 0, 0]))
-        slices = [
-            g.add("Slice", padded, g.constant([k]), g.constant([k + GRID_SIZE]), g.constant([0])) for k in range(3)
-        ]
-        slabs = g.add("Concat", *[g.add("Unsqueeze", s, g.constant([1])) for s in slices], axis=1)
-        lifted = g.conv(slabs, weight, lift.bias.expand().detach(), relu=True)  # (Z, C, X, Y)
-        xy = g.add("ReduceMean", lifted, axes=[0])
-        xz = g.add("Transpose", g.add("ReduceMean", lifted, axes=[3], keepdims=0), perm=[1, 2, 0])
-        yz = g.add("Transpose", g.add("ReduceMean", lifted, axes=[2], keepdims=0), perm=[1, 2, 0])
+    def _views(self, lifted: str) -> tuple[str, str]:
+        """Plane xy (1, C, X, Y) and the side views (V, C, horizontal, Z) of lifted planes (3, 40, 40, C)."""
+        g = self.graph
+        first = g.add("Transpose", lifted, perm=[0, 3, 1, 2])
+        xy = g.add("Slice", first, g.constant([0]), g.constant([1]), g.constant([0]))
         if not self.exact:
-            return xy, self._stack([xz, yz])
+            return xy, g.add("Slice", first, g.constant([1]), g.constant([3]), g.constant([0]))
+        xz, yz = (g.add("Gather", first, g.constant(np.array(k)), axis=0) for k in (1, 2))
         seen = [xz, yz, self._flip(xz, 1), self._flip(yz, 1)]
         return xy, self._stack([self._roll(v, -k) for k, v in enumerate(seen)])
 
