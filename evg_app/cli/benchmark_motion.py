@@ -67,5 +67,8 @@ def _report(facts: dict[str, Any]) -> None:
         for pair, n in list(numbers["touched"].items())[:5]:
             say(f"    {pair}: {n}")
     say(f"limit violations         {facts['limit_violations']}")
+    recheck = facts["recheck"]
+    say(f"look before approach     false alarms {rate(recheck['false_alarms'], recheck['looks'])}")
+    say(f"    target moved by 3 cm is noticed in {rate(recheck['noticed'], recheck['looks'])}")
     times = ("check_ms_median", "scene_ms_median", "path_ms_median", "path_ms_p99")
     say("times                    " + ", ".join(f"{name} {facts[name]}" for name in times))

@@ -17,17 +17,20 @@ from evg_app.motion.kinematics import Kinematics
 from evg_app.motion.plan import PickPlan
 from evg_app.motion.scene import SceneView
 from evg_app.picking.perceive import TablePerception
-from evg_app.picking.verify import held
 from evg_app.simulation.arm import SimulatedArm
 from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.camera import SimulatedCamera
 from evg_app.simulation.gripper import SimulatedGripper
 from evg_app.simulation.state import SceneState
 from evg_app.simulation.world import SimWorld
-from evg_app.types import Trajectory
+from evg_app.types import Frame, Trajectory
 
 SLACK = 5.0
 """A motion may take this much longer than its trajectory [s]."""
+NOT_CLOSED = 0.001
+"""An opening this close to the widest is a gripper that never closed [m]."""
+MOVED = (0.03, 0.0, 0.0)
+"""How the target is moved to see whether the look before the approach notices [m]."""
 BEFORE_CLOSING = ("reach", "approach")
 """Motions in which nothing may be touched."""
 
@@ -45,6 +48,8 @@ class Executed:
         delivered: whether the target ended in the bin.
         ratios: of the samples that were sent, see `limits.worst_ratios`.
         seconds: simulated time [s].
+        still, moved: area that the look before the approach found changed, as everything was, and with the target
+            moved by `MOVED` [m^2]; None without that look.
     """
 
     ended: str
@@ -55,6 +60,18 @@ class Executed:
     delivered: bool
     ratios: dict[str, float]
     seconds: float
+    still: float | None = None
+    moved: float | None = None
+
+
+@dataclass(frozen=True)
+class Observation:
+    """A noisy look at the scene: for the planner, the frame itself with the arm at q (7,), and who made it."""
+
+    view: SceneView
+    frame: Frame
+    q: Array
+    perception: TablePerception
 
 
 class Cell:
@@ -67,7 +84,7 @@ class Cell:
             EvgError: the configuration or the scene cannot be used.
         """
         self.robot, camera = config.robot_config(), config.camera_config()
-        self._table_is_ruler = camera.table_is_ruler
+        self._camera_config = camera
         self._world = SimWorld(self.robot, config.world_config(number), builtin_objects("test"))
         try:
             self._arm, self._gripper = SimulatedArm(self._world), SimulatedGripper(self._world)
@@ -106,33 +123,38 @@ class Cell:
         """The scene without noise, occlusion and unknown space."""
         return true_view(self.state(), self.T_base_task)
 
-    def observed_view(self, kinematics: Kinematics) -> SceneView:
-        """The scene from one noisy depth image, as the loop sees it."""
+    def observe(self, kinematics: Kinematics) -> Observation:
+        """One noisy depth image from the saved state, and what the loop makes of it."""
+        ruler = self._camera_config.table_is_ruler
         perception = TablePerception(
-            self.T_base_task, lambda q: self._camera.T_base_cam, kinematics.link_primitives, self._table_is_ruler
+            self.T_base_task, lambda q: self._camera.T_base_cam, kinematics.link_primitives, ruler
         )
-        q = self.q()
-        frame = self._camera.capture(after=self._world.time, timeout=SLACK)
+        q, frame = self.q(), self._picture()
         view = perception.view(perception.clean(frame, q), q)
-        return SceneView(view.tsdf, view.volume)
+        return Observation(SceneView(view.tsdf, view.volume), frame, q, perception)
 
-    def execute(self, pick: PickPlan | StraightPick, target: int) -> Executed:
+    def execute(self, pick: PickPlan | StraightPick, target: int, seen: Observation | None = None) -> Executed:
         """Carry a pick out from the saved state; the baseline ends where the fingers would close.
 
         Args:
             pick: what to do.
             target: index of the object that is to be grasped.
+            seen: what it was planned on, to be compared with a fresh look before the approach.
         """
         self._renew()
         start, in_hand = self._world.time, False
-        ended = self._follow("reach", pick.reach) or self._follow("approach", pick.approach)
+        ended = self._follow("reach", pick.reach)
+        changes: tuple[float | None, float | None] = (None, None)
+        if isinstance(pick, PickPlan) and seen is not None and not ended:
+            changes = self._look_again(pick, target, seen)
+        ended = ended or self._follow("approach", pick.approach)
         if isinstance(pick, PickPlan) and not ended:
             gripper = self.robot.gripper
             self._judge.phase = "close"
             inner, outer = gripper.epsilon_inner_m, gripper.epsilon_outer_m
             self._gripper.grasp(0.0, gripper.speed_m_s, gripper.force_n, inner, outer, gripper.timeout_s)
             ended = self._follow("lift", pick.lift)
-            in_hand = held(self._gripper.state(), gripper)
+            in_hand = gripper.held_width_m < self._gripper.state().width < gripper.max_width_m - NOT_CLOSED
             ended = ended or self._finish(pick, in_hand)
         self._judge.phase = ""
         name, contacts = self._judge.name_of(target), self._judge.contacts()
@@ -146,7 +168,28 @@ class Cell:
             delivered=name in self._world.truth().in_bin,
             ratios=worst_ratios(self._sent, self.robot),
             seconds=self._world.time - start,
+            still=changes[0],
+            moved=changes[1],
         )
+
+    def _look_again(self, pick: PickPlan, target: int, seen: Observation) -> tuple[float, float]:
+        """Changed areas [m^2] near the grasp: as everything is, and as if the target had been moved meanwhile."""
+        still = self._changed(pick, seen)
+        client, body = self._world.client, self._world.placed[target].body
+        position, turn = client.getBasePositionAndOrientation(body)
+        client.resetBasePositionAndOrientation(body, (np.array(position) + MOVED).tolist(), turn)
+        moved = self._changed(pick, seen)
+        client.resetBasePositionAndOrientation(body, position, turn)
+        return still, moved
+
+    def _changed(self, pick: PickPlan, seen: Observation) -> float:
+        model = self._camera_config.recheck
+        fresh = (self._picture(), self.q())
+        before = (seen.frame, seen.q)
+        return seen.perception.change(before, fresh, pick.T_base_grasp, model.radius_m, model.depth_m).area
+
+    def _picture(self) -> Frame:
+        return self._camera.capture(after=self._world.time, timeout=SLACK)
 
     def _finish(self, pick: PickPlan, in_hand: bool) -> str:
         """To the bin and back with something in the hand, else straight back; why it fell short, or empty."""

@@ -48,6 +48,8 @@ class Cycle:
         ratios: shares of the limits that the sent samples reach.
         broken: limits that they break.
         seconds: simulated [s].
+        still, moved: changed area that the look before the approach found [m^2]: with nothing moved, and with the
+            target moved by 3 cm; None without that look.
     """
 
     arm: str
@@ -61,6 +63,8 @@ class Cycle:
     ratios: dict[str, float] | None = None
     broken: tuple[str, ...] = ()
     seconds: float = 0.0
+    still: float | None = None
+    moved: float | None = None
 
     @property
     def executed(self) -> bool:

@@ -56,7 +56,8 @@ def benchmark(
             if progress is not None:
                 progress([r for r in journal.rows if r.number < scenes], scenes)
     rows = sorted((row for row in journal.rows if row.number < scenes), key=lambda row: row.number)
-    facts = summary(rows, config.robot_config().unknown_space, POLICIES)
+    policy, changed_area = config.robot_config().unknown_space, config.camera_config().recheck.area_m2
+    facts = summary(rows, policy, POLICIES, changed_area)
     commits = sorted({row.git_commit for row in rows})
     origin = {"seed": seed, "git_commit": ",".join(commits), "protocol": PROTOCOL, "config": config.to_dict()}
     return facts | origin | {"rows": [row.to_dict() for row in rows]}

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.benchmark.motion.baseline import straight_pick
-from evg_app.benchmark.motion.cell import Cell, Executed
+from evg_app.benchmark.motion.cell import Cell, Executed, Observation
 from evg_app.benchmark.motion.config import MotionBenchmark, kind_of
 from evg_app.benchmark.motion.contacts import Contact
 from evg_app.benchmark.motion.limits import broken
@@ -58,9 +58,9 @@ def run_scene(config: MotionBenchmark, planners: Planners, seed: int, number: in
     with Cell(config, seed, number) as cell:
         state, q = cell.state(), cell.q()
         targets = targets_of(state, config.candidates, np.random.default_rng([seed, number, LABELS]))
-        true, observed = cell.true_view(), cell.observed_view(planners.default.kinematics)
+        true, observed = cell.true_view(), cell.observe(planners.default.kinematics)
         reach = reachable(planners.default, targets, targets.spread(config.reach), true, q, config.seeds)
-        times = timed_stages(planners.default, targets, targets.spread(config.reach), observed, q)
+        times = timed_stages(planners.default, targets, targets.spread(config.reach), observed.view, q)
         cycles = _Cycles(config, planners, cell, targets)
         for owner in range(len(state.objects)):
             cycles.pick(owner, true, observed, q)
@@ -122,7 +122,7 @@ class _Cycles:
         self._config, self._planners, self._cell, self._targets = config, planners, cell, targets
         self.done: list[Cycle] = []
 
-    def pick(self, owner: int, true: SceneView, observed: SceneView, q: Array) -> None:
+    def pick(self, owner: int, true: SceneView, observed: Observation, q: Array) -> None:
         """Every arm of the experiment picks one object, each from the same state; nothing without a grasp for it."""
         grasps = self._targets.of(owner, self._config.examined)
         if len(grasps) == 0:
@@ -136,21 +136,21 @@ class _Cycles:
                 self.done.append(_cycle(BASELINE, owner, self._cell.execute(straight, owner)))
         before: tuple[PickPlan, Cycle] | None = None
         for policy, planner in self._planners.by_policy.items():
-            decision = planner.plan_pick(grasps, observed, q, max_examined=len(grasps))
+            decision = planner.plan_pick(grasps, observed.view, q, max_examined=len(grasps))
             arm = f"{OBSERVED} {policy}"
             if before is not None and decision.pick is not None and _equal(before[0], decision.pick):
                 self.done.append(replace(before[1], arm=arm))
                 continue
-            self._execute(arm, owner, decision)
+            self._execute(arm, owner, decision, observed)
             before = None if decision.pick is None else (decision.pick, self.done[-1])
 
-    def _execute(self, arm: str, owner: int, decision: PickDecision) -> None:
+    def _execute(self, arm: str, owner: int, decision: PickDecision, seen: Observation | None = None) -> None:
         if decision.pick is None:
             looked = tally(str(v) for v in decision.verdicts if v is not Verdict.NOT_EXAMINED)
             reasons = ", ".join(f"{name} {n}" for name, n in looked.items())
             self.done.append(Cycle(arm, owner, f"no pick: {reasons}"))
             return
-        self.done.append(_cycle(arm, owner, self._cell.execute(decision.pick, owner)))
+        self.done.append(_cycle(arm, owner, self._cell.execute(decision.pick, owner, seen)))
 
 
 def _equal(a: PickPlan, b: PickPlan) -> bool:
@@ -172,6 +172,8 @@ def _cycle(arm: str, owner: int, what: Executed) -> Cycle:
         ratios={name: round(ratio, 6) for name, ratio in what.ratios.items()},
         broken=broken(what.ratios),
         seconds=round(what.seconds, 3),
+        still=what.still,
+        moved=what.moved,
     )
 
 

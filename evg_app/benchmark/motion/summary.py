@@ -10,8 +10,15 @@ from evg_app.benchmark.motion.row import BASELINE, OBSERVED, TRUE, Cycle, SceneR
 from evg_app.trials.statistics import tally, wilson
 
 
-def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str]) -> dict[str, Any]:
-    """The numbers of the JSON. `policy` is the configured one, to which the bare `*_observed` keys belong."""
+def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str], changed_area: float) -> dict[str, Any]:
+    """The numbers of the JSON.
+
+    Args:
+        rows: the scenes.
+        policy: the configured one for unknown space, to which the bare `*_observed` keys belong.
+        policies: all of them.
+        changed_area: from which changed area on the scene would be planned on anew [m^2].
+    """
     targets = [target for row in rows for target in row.targets]
     cycles = [cycle for row in rows for cycle in row.cycles]
     arms = {arm: arm_facts(c for c in cycles if c.arm == arm) for arm in _arms(policies)}
@@ -29,6 +36,7 @@ def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str]) -> d
         "contacts_observed": observed["contacts"],
         "contacts_observed_ci": observed["contacts_ci"],
         "limit_violations": sum(arms[arm]["limit_violations"] for arm in arms if arm != BASELINE),
+        "recheck": recheck_facts(cycles, changed_area),
         "unknown_space": policy,
         "arms": arms,
         "scenes": len(rows),
@@ -78,6 +86,22 @@ def arm_facts(cycles: Iterable[Cycle]) -> dict[str, Any]:
     }
 
 
+def recheck_facts(cycles: Sequence[Cycle], changed_area: float) -> dict[str, Any]:
+    """How often the look before the approach would have planned anew with nothing moved, and with the target moved."""
+    still = [c.still for c in cycles if c.still is not None]
+    moved = [c.moved for c in cycles if c.moved is not None]
+    false, noticed = sum(area > changed_area for area in still), sum(area > changed_area for area in moved)
+    return {
+        "looks": len(still),
+        "false_alarms": false,
+        "false_alarms_ci": list(wilson(false, len(still))),
+        "noticed": noticed,
+        "noticed_ci": list(wilson(noticed, len(moved))),
+        "largest_still_area_m2": max(still, default=None),
+        "moved_area_m2_p5": _percentile(moved, 5),
+    }
+
+
 def _arms(policies: Sequence[str]) -> tuple[str, ...]:
     return (TRUE, BASELINE, *(f"{OBSERVED} {policy}" for policy in policies))
 
@@ -117,4 +141,4 @@ def _median(values: Iterable[float]) -> float | None:
 
 def _percentile(values: Iterable[float], share: float) -> float | None:
     array = np.array(list(values))
-    return round(float(np.percentile(array, share)), 3) if len(array) else None
+    return round(float(np.percentile(array, share)), 6) if len(array) else None
