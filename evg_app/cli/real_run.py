@@ -21,7 +21,7 @@ from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.slower import slowed
 from evg_app.perception.run_health import run_health
-from evg_app.picking.context import Context, Devices, Rounds
+from evg_app.picking.context import Context, Devices, Rounds, Settings
 from evg_app.picking.dry import dry_run
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
