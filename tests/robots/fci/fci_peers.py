@@ -35,12 +35,11 @@ def free_address() -> str:
                 return address
 
 
-def robot_at(host: str, **changes: object) -> RobotConfig:
-    """The Panda's config with the FCI at `host`."""
-    robot = load_robot("panda")
-    return robot.model_copy(
-        update={"fci": robot.fci.model_copy(update={"host": host, "realtime": "ignore", **changes})}
-    )
+def robot_at(host: str, robot: str = "panda", **changes: object) -> RobotConfig:
+    """A robot's config with the FCI at `host`."""
+    config = load_robot(robot)
+    fci = config.fci.model_copy(update={"host": host, "realtime": "ignore", **changes})
+    return config.model_copy(update={"fci": fci})
 
 
 def tool_pose_of(robot: RobotConfig):
