@@ -16,15 +16,14 @@ from evg_app.config.models import CameraConfig, RobotConfig
 from evg_app.config.speed import confirm_speed, confirmed_speed
 from evg_app.errors import HardwareError
 from evg_app.events import Sink, Warned, fan_out
-from evg_app.geometry import Array, invert
 from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.slower import slowed
-from evg_app.perception.run_health import run_health
 from evg_app.picking.context import Context, Devices, Rounds, Settings
 from evg_app.picking.dry import dry_run
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
+from evg_app.picking.preflight import check_depth
 from evg_app.picking.run import RunResult, run_rounds
 from evg_app.picking.slowed import SlowedMotion
 from evg_app.picking.stop import StopToken
@@ -151,15 +150,9 @@ def check_camera(lab: RealLab, ctx: Context) -> None:
         Refused: with the numbers and the advice.
         DeviceTimeout: no frame came.
     """
-    q: Array = lab.arm.state().q
-    frame = lab.camera.capture(after=lab.clock.now(), timeout=lab.camera_config.frame_timeout_s)
-    T_cam_task = invert(lab.T_base_cam(q)) @ lab.robot.T_base_task.matrix()
-    health = run_health(ctx.perception.clean(frame, q), T_cam_task, lab.camera_config)
-    ctx.sink(Warned("camera health", health.text()))
-    away = abs(q - lab.robot.look_q_rad).max() < AT_LOOK_RAD
-    if away:
-        health.require()
-    elif health.advice:
+    away = abs(lab.arm.state().q - lab.robot.look_q_rad).max() < AT_LOOK_RAD
+    health = check_depth(ctx, refuse=away)
+    if health.advice:
         say(f"camera: {health.advice} (the arm is not at its look pose and may be in the way)")
 
 
