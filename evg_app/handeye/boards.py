@@ -90,6 +90,10 @@ class Board:
         """
         self.model = model
 
+    def __getstate__(self) -> dict[str, BoardModel]:
+        """OpenCV's objects stay behind when a board goes to another process."""
+        return {"model": self.model}
+
     @cached_property
     def pattern(self) -> Any:
         """OpenCV's board."""
@@ -102,11 +106,10 @@ class Board:
     @cached_property
     def points(self) -> Array:
         """Every corner that detection can find, by its number, in the board frame [m]. Shape (C, 3)."""
-        if self.model.kind == "charuco":
-            corners = self.pattern.getChessboardCorners()
-        else:
-            corners = self.pattern.getObjPoints()
-        return np.array(corners, dtype=np.float64).reshape(-1, 3)
+        charuco = self.model.kind == "charuco"
+        corners = self.pattern.getChessboardCorners() if charuco else self.pattern.getObjPoints()
+        points: Array = np.array(corners, dtype=np.float64).reshape(-1, 3)
+        return points
 
     @property
     def outline(self) -> Array:
@@ -117,12 +120,14 @@ class Board:
     @property
     def center(self) -> Array:
         """Middle of the pattern [m]. Shape (3,)."""
-        return self.outline.mean(axis=0)
+        center: Array = self.outline.mean(axis=0)
+        return center
 
     def picture(self, pixels_per_m: float) -> Gray:
         """The pattern without a border, white 255. Shape (H, W)."""
         w, h = (round(side * pixels_per_m) for side in self.model.size)
-        return np.asarray(self.pattern.generateImage((w, h), marginSize=0, borderBits=1), dtype=np.uint8)
+        picture: Gray = np.array(self.pattern.generateImage((w, h), marginSize=0, borderBits=1), dtype=np.uint8)
+        return picture
 
 
 def known_boards(config_dir: Path | None = None) -> dict[str, Path]:

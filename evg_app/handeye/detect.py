@@ -17,6 +17,10 @@ MAX_EDGE_WIDTH = 1.8
 """Standard deviation of the widest edges above which a picture is blurred [px]."""
 MAX_OBLIQUITY = 65.0
 """Angle between the view and the board's normal above which corners are found badly [deg]."""
+LEAST_CONTRAST, BOARD_CONTRAST = 25.0, 80.0
+"""Grey levels that a patch must span to say something about blur; without corners, to be taken for a board."""
+TILE = 48
+"""Side of the patches of a picture without corners [px]."""
 MAX_FIT = 1.0
 """RMS distance of the corners from a plane board above which something is wrong with the picture [px]."""
 
@@ -162,25 +166,28 @@ def edge_width(gray: Gray, pixels: Array | None) -> float:
     A step blurred by a Gaussian has its largest slope = contrast / (sigma sqrt(2 pi)).
     """
     if pixels is None or len(pixels) == 0:
-        patches = [
-            gray[r : r + 48, c : c + 48] for r in range(0, gray.shape[0], 48) for c in range(0, gray.shape[1], 48)
-        ]
-    else:
-        half = int(np.clip(_spacing(pixels) * 0.6, 5, 30))
-        corners = np.rint(pixels).astype(int)
-        patches = [gray[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1] for u, v in corners]
-    widths = [w for w in (_patch_width(p.astype(np.float32)) for p in patches) if w is not None]
-    if not widths:
-        return 99.0
-    return float(np.median(widths)) if pixels is not None else float(np.min(widths))
+        return _width_anywhere(gray)
+    half = int(np.clip(_spacing(pixels) * 0.6, 5, 30))
+    corners = np.rint(pixels).astype(int)
+    patches = [gray[max(v - half, 0) : v + half + 1, max(u - half, 0) : u + half + 1] for u, v in corners]
+    widths = [w for w in (_patch_width(p.astype(np.float32), LEAST_CONTRAST) for p in patches) if w is not None]
+    return float(np.median(widths)) if widths else 99.0
 
 
-def _patch_width(patch: NDArray[np.float32]) -> float | None:
+def _width_anywhere(gray: Gray) -> float:
+    """The same for a picture without corners, from its high-contrast patches; 0 when there are none."""
+    tiles = [(r, c) for r in range(0, gray.shape[0], TILE) for c in range(0, gray.shape[1], TILE)]
+    patches = (gray[r : r + TILE, c : c + TILE].astype(np.float32) for r, c in tiles)
+    widths = [w for w in (_patch_width(p, BOARD_CONTRAST) for p in patches) if w is not None]
+    return float(np.percentile(widths, 25)) if widths else 0.0
+
+
+def _patch_width(patch: NDArray[np.float32], least: float) -> float | None:
     if min(patch.shape) < 8:
         return None
     low, high = np.percentile(patch, (5, 95))
     contrast = float(high - low)
-    if contrast < 25:
+    if contrast < least:
         return None
     smooth = (patch[:-2] + 2 * patch[1:-1] + patch[2:]) / 4
     gx = np.abs(smooth[:, 2:] - smooth[:, :-2]).max() / 2

@@ -168,15 +168,18 @@ def step_in(apart: Array) -> tuple[int, float, float]:
     return best
 
 
-def moved(views: Views, fit: Fit, left_out: "list[int]", mode: Mode) -> list[Finding]:
-    """Whether camera or board moved once during the session. `left_out`: numbers of the outliers."""
+def moved(everything: Views, used: Views, fit: Fit, left_out: "list[int]", mode: Mode) -> list[Finding]:
+    """Whether camera or board moved once: a step in the samples used, or all outliers at one end (`left_out`)."""
     what = "the camera (or its stand)" if mode == "eye-to-hand" else "the camera on the hand (or the board)"
-    k, size, score = step_in(poses_apart(views, fit))
-    numbers = views.numbers
-    if left_out and (block := _one_block(numbers, left_out)) is not None:
-        k = block
-    elif score < MOVED_SCORE or size < MOVED_LEAST_M:
-        return []
+    numbers, block = everything.numbers, _one_block(everything.numbers, left_out)
+    if block is not None:
+        apart = poses_apart(everything, fit)
+        k, size = block, float(np.linalg.norm(np.median(apart[block:], axis=0) - np.median(apart[:block], axis=0)))
+    else:
+        k, size, score = step_in(poses_apart(used, fit))
+        numbers = used.numbers
+        if score < MOVED_SCORE or size < MOVED_LEAST_M:
+            return []
     text = (
         f"{what} moved between samples {numbers[k - 1]} and {numbers[k]} (by about {1000 * size:.0f} mm): "
         "fix it firmly and calibrate again"

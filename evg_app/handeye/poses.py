@@ -18,7 +18,7 @@ FIRST_TURN = 0.16
 """Turn of the first motions, when nothing is known yet [rad]."""
 FIRST_SHIFT = 0.02
 """Shift of the first motions [m]."""
-CANDIDATES = 300
+CANDIDATES = 160
 """Random views of which the best are taken."""
 MAX_TILT = 0.75
 """Largest tilt of the board against the view [rad]."""
@@ -32,6 +32,8 @@ PLATE_CLEARANCE = 0.03
 """Height above the table of a board in the hand, and its distance from the arm's links [m]."""
 CAMERA_CLEARANCE = 0.10
 """Height above the table of a camera on the hand [m]."""
+Q7_GRID = 13
+"""Values of the arm's free joint that are tried for each pose."""
 REACH_TRIES = 4
 """Arm configurations tried for each pose."""
 
@@ -70,8 +72,9 @@ class Reach:
 
     def configuration(self, T_base_hand: Array, near: Array) -> Array | None:
         """The nearest free configuration (J,) for a hand pose (4, 4), or None."""
-        checker, scene = self.motion.checker, empty_scene(self.motion.robot)
-        for q in self.motion.kinematics.search(T_base_hand, near).q[:REACH_TRIES]:
+        checker, kinematics, scene = self.motion.checker, self.motion.kinematics, empty_scene(self.motion.robot)
+        q7 = np.append(np.linspace(kinematics.lower[6], kinematics.upper[6], Q7_GRID), near[6])
+        for q in kinematics.search(T_base_hand, near, q7).q[:REACH_TRIES]:
             if not checker.hits_scene(q[None], scene)[0] and not checker.self_collision.collides(q):
                 return np.asarray(q)
         return None

@@ -90,16 +90,16 @@ def solve(session: Session) -> Solution | Unsolved:
     if fit is None:
         text = "no solver found a consistent transform: the samples contradict each other"
         return Unsolved((*findings, Finding("no-solution", "refuse", text)))
-    findings += _swapped(session, everything, fit)
+    swapped = _swapped(session, everything, fit)
     left_out = [int(n) for n in everything.numbers[~keep]]
     views = everything.take(keep)
     cube = cube_in_parent(session, session.samples[0].T_base_hand)
     confidence = uncertainty(views, fit, cube, prior)
-    findings += _causes(session, everything, views, fit, confidence, left_out)
+    findings += swapped or _causes(session, everything, views, fit, confidence, left_out)
     errors = held_out(views, fit, session.board.outline, prior)
     solver_mm = {name: _distance(plain(views, name), fit, cube) for name in SOLVERS}
-    findings += diagnose.solver_spread(solver_mm)
-    findings += _gates(errors, confidence)
+    if not swapped:
+        findings += diagnose.solver_spread(solver_mm) + _gates(errors, confidence)
     used = tuple(sample for sample, kept in zip(samples, keep, strict=True) if kept)
     return Solution(
         fit, used, tuple(left_out), views, errors, confidence, solver_mm, tuple(findings), _verdict(findings)
@@ -159,7 +159,7 @@ def _causes(
     rms = whole.sample_rms(everything)
     findings = diagnose.rotations(views, session.mode)
     findings += diagnose.board_size(fit.scale, confidence.scale_std, session.board.model.square_m)
-    step = diagnose.moved(everything, whole, left_out, session.mode)
+    step = diagnose.moved(everything, views, fit, left_out, session.mode)
     findings += step
     if not step:
         worst = [float(rms[list(everything.numbers).index(n)]) for n in left_out]

@@ -12,10 +12,10 @@ from evg_app.handeye.sample import Views
 DRAWS = 2000
 """Random results from which the bound is read."""
 QUANTILE = 0.95
-UNSEEN_M = 0.0003
+UNSEEN_M = 0.0005
 """Errors that samples cannot show, added to the bound: rounding of the arm's kinematics, drift [m]."""
-RIDGE = 1e-6
-"""Keeps an undetermined direction finite [1/px^2]."""
+UNKNOWN = 1.0
+"""What is known of a direction that no sample determines: it is within about a metre, or a radian."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Uncertainty:
 
 
 def jackknife(views: Views, fit: Fit, prior: float) -> Array:
-    """Covariance (13, 13) from what leaving out each sample would change (one Gauss-Newton step each).
+    """Covariance (13, 13) from what leaving out each sample would change (one Gauss-Newton step), plus corner noise.
 
     Samples, not corners, are what varies independently: the arm's error moves all corners of a sample together.
     """
@@ -55,11 +55,12 @@ def jackknife(views: Views, fit: Fit, prior: float) -> Array:
     g = np.zeros((n, UNKNOWNS))
     np.add.at(H, views.sample, per_corner)
     np.add.at(g, views.sample, gradient)
-    whole = H.sum(axis=0) + RIDGE * np.eye(UNKNOWNS)
+    noise = max(float((fit.residuals**2).sum()) / max(2 * len(J) - UNKNOWNS, 1), 1e-4)
+    whole = H.sum(axis=0) + noise / UNKNOWN**2 * np.eye(UNKNOWNS)
     whole[12, 12] += 1.0 / prior**2
     steps = np.stack([np.linalg.lstsq(whole - H[k], g[k], rcond=None)[0] for k in range(n)])
     steps -= steps.mean(axis=0)
-    return np.asarray((n - 1) / n * steps.T @ steps)
+    return np.asarray((n - 1) / n * steps.T @ steps + noise * np.linalg.inv(whole))
 
 
 def uncertainty(views: Views, fit: Fit, cube_parent: Array, prior: float, seed: int = 0) -> Uncertainty:

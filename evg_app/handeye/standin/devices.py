@@ -52,6 +52,7 @@ class StandIn:
         T_base_real: where the hand really is. Shape (4, 4).
         time: stand-in's time [s].
         pictures: pictures taken so far.
+        wrong_next: the next reading of the joints is wrong.
     """
 
     truth: Truth
@@ -63,6 +64,7 @@ class StandIn:
     T_base_real: Array = field(init=False)
     time: float = 0.0
     pictures: int = 0
+    wrong_next: bool = False
 
     def __post_init__(self) -> None:
         self.arrive(self.truth.q_start)
@@ -121,7 +123,8 @@ class StandInArm(_Entered):
         """Joint positions now; wrong ones beside the pictures that the faults name."""
         world = self._world
         q = world.q.copy()
-        if world.pictures - 1 in world.faults.wrong_joints:
+        if world.wrong_next:
+            world.wrong_next = False
             rng = np.random.default_rng([world.pictures, 5])
             q += rng.uniform(0.4, 1.0, len(q)) * rng.choice([-1.0, 1.0], len(q)) * WRONG_RAD
         return ArmState(world.time, q, np.zeros(len(q)), ArmMode.IDLE)
@@ -174,6 +177,7 @@ class StandInCamera(_Entered):
         T = world.T_cam_board()
         gray = self._painter.paint(T, self._exposure(T))
         depth = self._depth(T)
+        world.wrong_next = world.pictures in world.faults.wrong_joints
         world.pictures += 1
         color = np.repeat(gray[:, :, None], 3, axis=2)
         return Frame(depth, DEPTH_SCALE, self.intrinsics, world.time, self._frame_id, color, world.pictures)

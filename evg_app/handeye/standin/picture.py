@@ -99,7 +99,7 @@ class BoardPainter:
             top, bottom, left, right = crop
             light[top:bottom, left:right] = self._plate(light[top:bottom, left:right], T_cam_board, exposure, crop)
         mean = 255.0 * exposure.gain * light
-        noisy = mean + rng.normal(0.0, 1.0, mean.shape).astype(np.float32) * np.sqrt(2.0 + 0.02 * mean)
+        noisy = mean + rng.standard_normal(mean.shape, dtype=np.float32) * np.sqrt(2.0 + 0.02 * mean)
         return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
 
     def _crop(self, T_cam_board: Array, exposure: Exposure) -> tuple[int, int, int, int] | None:
@@ -132,12 +132,16 @@ class BoardPainter:
 
     def _texels(self, x: Image, y: Image, T: Array) -> tuple[tuple[Image, Image], NDArray[np.bool_]]:
         """Texture coordinates where rays hit the plate's plane, and whether they hit the plate."""
-        n = T[:3, 2]
-        depth = float(n @ T[:3, 3]) / np.where(np.abs(d := x * n[0] + y * n[1] + n[2]) < 1e-6, 1e-6, d)
-        p = np.stack([x * depth - T[0, 3], y * depth - T[1, 3], depth - T[2, 3]], axis=-1).astype(np.float32)
-        along = p @ (T[:3, :2] / self.print_scale).astype(np.float32)
+        n, right, down = (T[:3, k].astype(np.float32) for k in (2, 0, 1))
+        slant = x * n[0] + y * n[1] + n[2]
+        depth = np.float32(T[:3, 2] @ T[:3, 3]) / np.where(np.abs(slant) < 1e-6, np.float32(1e-6), slant)
+        scale = np.float32(TEXELS_PER_M / self.print_scale)
+        along = [
+            (depth * (x * axis[0] + y * axis[1] + axis[2]) - np.float32(axis @ T[:3, 3])) * scale
+            for axis in (right, down)
+        ]
         border = PAPER_BORDER * TEXELS_PER_M
-        u, v = along[..., 0] * TEXELS_PER_M + border - 0.5, along[..., 1] * TEXELS_PER_M + border - 0.5
+        u, v = along[0] + np.float32(border - 0.5), along[1] + np.float32(border - 0.5)
         height, width = self._texture.shape
         inside = (depth > 0) & (u >= -0.5) & (v >= -0.5) & (u <= width - 0.5) & (v <= height - 0.5)
         return (u.astype(np.float32), v.astype(np.float32)), inside

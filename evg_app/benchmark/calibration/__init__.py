@@ -1,0 +1,1 @@
+"""How good hand-eye calibration is: good sessions against their truth, and deliberately bad ones."""
