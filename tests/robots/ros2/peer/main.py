@@ -344,7 +344,7 @@ class Peer:
         while rclpy.ok():
             now = time.monotonic()
             due = max(due, now - 0.05)
-            for _ in range(8):
+            for _ in range(12):
                 if due > now:
                     break
                 self.publish_due()
@@ -355,7 +355,7 @@ class Peer:
             for entry in ready:
                 self.pending.remove(entry)
                 entry[1].set_result(None)
-            for _ in range(4):
+            for _ in range(3):
                 self.executor.spin_once(timeout_sec=0.0)
             if due > time.monotonic():
                 self.executor.spin_once(timeout_sec=0.002)

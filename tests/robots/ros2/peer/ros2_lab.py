@@ -17,8 +17,9 @@ from ros2_peer import PeerProcess, isolate
 
 from evg_app.clock import Clock
 from evg_app.config.files import load_camera, load_robot
+from evg_app.config.models import RobotConfig
 from evg_app.errors import DeviceTimeout
-from evg_app.events import AttemptFinished, Event, MotionEnded, Warned, fan_out
+from evg_app.events import AttemptFinished, Event, MotionEnded, RoundStarted, Warned, fan_out
 from evg_app.geometry import Array
 from evg_app.grasping.load import load_planner
 from evg_app.grasping.protocol import Planner
@@ -33,7 +34,8 @@ from evg_app.trials.statistics import rate
 from evg_app.trials.summary import summary
 from evg_app.types import Frame, Intrinsics
 
-SETTINGS = Settings()
+SETTINGS = Settings(motion_slack=40.0)
+"""On a busy computer the peer's physics is slower than real time; a robot is not."""
 
 
 class PeerCamera:
@@ -92,6 +94,30 @@ class PeerReferee:
         return int(self._peer.ask("truth")[1])
 
 
+def patient(robot: RobotConfig) -> RobotConfig:
+    """With waits for a peer that shares its computer with everybody else."""
+    assert robot.ros2 is not None
+    waits = {"state_timeout_s": 3.0, "feedback_timeout_s": 4.0, "accept_timeout_s": 5.0, "settle_s": 5.0}
+    return robot.model_copy(update={"ros2": robot.ros2.model_copy(update=waits)})
+
+
+class Truth:
+    """Keeps the loop's own judgement beside what the peer knows."""
+
+    def __init__(self, peer: PeerProcess) -> None:
+        self._peer, self.pairs = peer, list[tuple[bool, bool]]()
+        self._before = 0
+
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, RoundStarted):
+            self._before = 0
+        if isinstance(event, AttemptFinished):
+            now = int(self._peer.ask("truth")[1])
+            if event.outcome.counts and event.verified is not None:
+                self.pairs.append((event.verified, now > self._before))
+            self._before = now
+
+
 def pick(
     peer: PeerProcess,
     planner: Planner,
@@ -103,7 +129,7 @@ def pick(
     settings: Settings = SETTINGS,
 ) -> RunResult:
     """The same loop as `evg-app run`, on the peer."""
-    config, camera_config = load_robot("panda"), load_camera("d435i")
+    config, camera_config = patient(load_robot("panda")), load_camera("d435i")
     opened = open_robot(config)
     motion = MotionPlanner(config)
     with Recorder(folder, {"peer": "ros2"}) as recorder, opened.arm, opened.gripper:
@@ -154,12 +180,18 @@ def main() -> None:
     peer = PeerProcess("--scene", args.scene, "--speed", str(args.speed))
     try:
         planner = load_planner(args.model, None, "cpu")
-        result = pick(peer, planner, args.run_dir, args.seed, args.rounds, tell, not args.no_referee)
+        truth = Truth(peer)
+        result = pick(
+            peer, planner, args.run_dir, args.seed, args.rounds, fan_out(truth, tell), with_referee=not args.no_referee
+        )
     finally:
         peer.close()
     named = sum(r.stop_reason.value not in ("error", "stopped by the user") for r in result.rounds)
     sys.stdout.write(f"rounds that ended with a reason of their own: {rate(named, args.rounds)}\n")
+    right = sum(judged == true for judged, true in truth.pairs)
+    sys.stdout.write(f"judgements that agree with the peer's truth: {rate(right, len(truth.pairs))}\n")
     facts = summary(args.run_dir) | {"rounds_completed": named, "rounds_asked": args.rounds}
+    facts["judged_and_true"] = truth.pairs
     if args.json:
         args.json.write_text(json.dumps(facts, indent=2) + "\n")
 
