@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from evg_app.cameras.realsense.camera import RealSenseCamera
-from evg_app.cameras.realsense.link import Recording
+from evg_app.cameras.realsense.start import Recording
 from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
 from evg_app.errors import BadInput, DeviceTimeout, HardwareError

@@ -41,7 +41,7 @@ def good(tmp_path_factory):
 def silent(tmp_path_factory):
     """A stream that starts and gives no depth."""
     path = tmp_path_factory.mktemp("device") / "silent.db3"
-    return write_recording(path, [None, None, FLAT], play_at_s=[0.02, 0.05, 30.0])
+    return write_recording(path, [None, None, FLAT], play_at_s=[0.02, 0.05, 4.0])
 
 
 @pytest.fixture(scope="module")

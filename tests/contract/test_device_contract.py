@@ -25,7 +25,7 @@ from recordings import table_depth, write_recording
 from evg_app.cameras.factory import open_replay
 from evg_app.cameras.protocol import Camera
 from evg_app.cameras.realsense.camera import RealSenseCamera
-from evg_app.cameras.realsense.link import Recording
+from evg_app.cameras.realsense.start import Recording
 from evg_app.clock import Clock, WallClock
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.errors import DeviceTimeout, HardwareError, Refused

@@ -8,7 +8,7 @@ from evg_app.cameras.merge import DepthMerger
 from evg_app.cameras.protocol import ColorImage
 from evg_app.cameras.realsense.connection import Connection, Report
 from evg_app.cameras.realsense.devices import CameraInfo
-from evg_app.cameras.realsense.link import Recording
+from evg_app.cameras.realsense.start import Recording
 from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
 from evg_app.errors import BadInput, DeviceTimeout
@@ -52,7 +52,7 @@ class RealSenseCamera:
     @property
     def intrinsics(self) -> Intrinsics:
         """Of the depth stream, from the device."""
-        return self._connection.link.intrinsics
+        return self._connection.link.streams.depth
 
     @property
     def frame_id(self) -> str:
@@ -66,7 +66,7 @@ class RealSenseCamera:
         Raises:
             BadInput: there is no colour stream.
         """
-        transform = self._connection.link.T_color_depth
+        transform = self._connection.link.streams.T_color_depth
         if transform is None:
             raise BadInput(f"camera '{self._config.name}' has no colour stream: set realsense.color in its YAML")
         return transform
@@ -98,7 +98,7 @@ class RealSenseCamera:
         deadline = self._clock.now() + timeout
         first = shot = self._connection.fresh(after, deadline, timeout)
         link, shots = self._connection.link, self._config.realsense.average_frames
-        depth, scale = link.depth(shot), link.depth_scale
+        depth, scale = link.depth(shot), link.streams.depth_scale
         if shots > 1:
             merger = DepthMerger()
             merger.add(depth)
@@ -110,7 +110,7 @@ class RealSenseCamera:
             depth, scale = merger.result(scale)
         self._count += 1
         color = link.aligned_color(shot)
-        return Frame(depth, scale, link.intrinsics, first.stamp, self.frame_id, color, self._count)
+        return Frame(depth, scale, link.streams.depth, first.stamp, self.frame_id, color, self._count)
 
     def capture_color(self, *, after: float, timeout: float) -> ColorImage:
         """The first colour image exposed at or after `after` [s], as it was taken; waits and raises as `capture`.
@@ -122,9 +122,9 @@ class RealSenseCamera:
         while True:
             shot = self._connection.fresh(after, deadline, timeout)
             link, stream = self._connection.link, self._config.realsense.color
-            if link.color_intrinsics is None or stream is None:
+            if link.streams.color is None or stream is None:
                 raise BadInput(f"camera '{self._config.name}' has no colour stream: set realsense.color in its YAML")
             color = link.color(shot)
             if color is not None:
                 self._count += 1
-                return ColorImage(color, link.color_intrinsics, shot.stamp, stream.frame_id, self._count)
+                return ColorImage(color, link.streams.color, shot.stamp, stream.frame_id, self._count)

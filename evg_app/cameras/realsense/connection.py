@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from evg_app.cameras.realsense.devices import USB_ADVICE, is_present, reset_device
-from evg_app.cameras.realsense.link import Link, Recording, Shot, StartFailed
+from evg_app.cameras.realsense.link import Link, Shot
 from evg_app.cameras.realsense.sdk import load_sdk
+from evg_app.cameras.realsense.start import Recording, StartFailed
 from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
 from evg_app.errors import DeviceTimeout, HardwareError

@@ -1,5 +1,6 @@
 """One running librealsense pipeline: a device or a recording, frame by frame, every wait bounded."""
 
+import atexit
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -10,28 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evg_app.cameras.realsense.devices import CameraInfo, choose, info_of, is_present
-from evg_app.cameras.realsense.optics import intrinsics_of, transform_of
-from evg_app.cameras.realsense.settings import apply_settings
-from evg_app.cameras.realsense.stamps import StampMapper, Timebase
+from evg_app.cameras.realsense.devices import CameraInfo, info_of, is_present
+from evg_app.cameras.realsense.filters import smoothing
+from evg_app.cameras.realsense.optics import streams_of
+from evg_app.cameras.realsense.stamps import StampMapper, Timebase, exposure_lead
+from evg_app.cameras.realsense.start import Recording, last_words, start_device, start_recording
 from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
-from evg_app.errors import BadInput, HardwareError
-from evg_app.geometry import Array
+from evg_app.errors import BadInput
 
 SLICE_MS = 100
 """Longest wait inside librealsense [ms]; Ctrl-C is heard between two."""
 STOP_TIMEOUT = 2.0
 """A dead pipeline may hang when it is stopped; it is left behind after this long [s]."""
-
-
-@dataclass(frozen=True)
-class Recording:
-    """A .db3 file that stands in for the device. `real_time` False gives every frame as fast as it is asked for."""
-
-    path: Path
-    repeat: bool = False
-    real_time: bool = True
+EXIT_TIMEOUT = 10.0
+"""How long the end of the program waits for a pipeline that was left behind [s]; librealsense aborts otherwise."""
+IN_STEP = 0.6
+"""Colour belongs to a depth frame when their time stamps differ by at most this share of a frame period."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +47,6 @@ class Shot:
     in_step: bool
 
 
-class StartFailed(HardwareError):
-    """The camera is there but did not start; another attempt or a reset may help."""
-
-
 class Link:
     """A started pipeline.
 
@@ -65,11 +57,16 @@ class Link:
         recording: play this instead of a device.
         serial: which device, "" for the only one.
         record_to: also write everything to this .db3 file.
+        epoch: seconds since 1970.
+
+    Attributes:
+        info: what the device says of itself.
+        settings: what its depth sensor was set to, read back.
+        streams: optics and rate.
+        dropped: depth frames that the device counted and that never arrived.
 
     Raises:
-        BadInput: the recording cannot be played, or the device refuses a setting.
-        StartFailed: the device is there and did not start.
-        HardwareError: no such device, streams not offered, or somebody else has it.
+        BadInput, StartFailed, HardwareError: as `start_recording` and `start_device`.
     """
 
     def __init__(
@@ -82,75 +79,26 @@ class Link:
         record_to: Path | None = None,
         epoch: Callable[[], float] = time.time,
     ) -> None:
-        self._rs, self._config, self._clock, self._recording = rs, config, clock, recording
+        self._rs, self._config, self._clock, self._recording, self._epoch = rs, config, clock, recording, epoch
         self._pipeline = rs.pipeline()
         self.settings: Mapping[str, float] = {}
-        profile = self._start_device(serial, record_to) if recording is None else self._start_recording(recording)
+        if recording is None:
+            profile, self.settings = start_device(rs, self._pipeline, config, serial, record_to)
+        else:
+            profile = start_recording(rs, self._pipeline, recording)
         self.info: CameraInfo = info_of(rs, profile.get_device())
         try:
-            self._streams(profile)
+            self.streams = streams_of(rs, profile)
         except RuntimeError as error:
             self.stop()
-            raise BadInput(f"{self._name()} does not describe its streams: {_last_words(error)}") from error
-        self._epoch = epoch
+            raise BadInput(f"{self._name()} does not describe its streams: {last_words(error)}") from error
+        self._playback = None if recording is None else profile.get_device().as_playback()
+        self._align = rs.align(rs.stream.depth) if self.streams.color is not None else None
+        self._smoothing = smoothing(rs, config)
         self._mapper: StampMapper | None = None
         self._pending: Any = None
         self._delivered: tuple[int, float] | None = None
         self.dropped = 0
-        """Depth frames that the device counted and that never arrived."""
-
-    def _start_recording(self, recording: Recording) -> Any:
-        setup = self._rs.config()
-        try:
-            setup.enable_device_from_file(str(recording.path), recording.repeat)
-            profile = self._pipeline.start(setup)
-        except RuntimeError as error:
-            raise BadInput(
-                f"recording {recording.path} cannot be played: {_last_words(error)}. "
-                "Name a .db3 file made by: evg-app camera record"
-            ) from error
-        profile.get_device().as_playback().set_real_time(recording.real_time)
-        return profile
-
-    def _start_device(self, serial: str, record_to: Path | None) -> Any:
-        rs, wanted = self._rs, self._config.realsense
-        info = choose(rs, serial)
-        setup = rs.config()
-        setup.enable_device(info.serial)
-        setup.enable_stream(rs.stream.depth, self._config.width_px, self._config.height_px, rs.format.z16, wanted.fps)
-        if wanted.color is not None:
-            size = wanted.color.width_px, wanted.color.height_px
-            setup.enable_stream(rs.stream.color, *size, rs.format.rgb8, wanted.fps)
-        if record_to is not None:
-            setup.enable_record_to_file(str(record_to))
-        try:
-            resolved = setup.resolve(rs.pipeline_wrapper(self._pipeline))
-            self.settings = apply_settings(rs, resolved.get_device().first_depth_sensor(), wanted)
-            return self._pipeline.start(setup)
-        except RuntimeError as error:
-            raise _start_problem(_last_words(error), info, self._config) from error
-
-    def _streams(self, profile: Any) -> None:
-        rs = self._rs
-        streams = {
-            stream.stream_type(): stream.as_video_stream_profile()
-            for stream in profile.get_streams()
-            if stream.is_video_stream_profile()
-        }
-        if rs.stream.depth not in streams:
-            raise RuntimeError("there is no depth stream")
-        depth, color = streams[rs.stream.depth], streams.get(rs.stream.color)
-        self.intrinsics = intrinsics_of(rs, depth.get_intrinsics())
-        self.depth_scale = float(profile.get_device().first_depth_sensor().get_depth_scale())
-        self.period = 1.0 / depth.fps()
-        self.color_intrinsics = None if color is None else intrinsics_of(rs, color.get_intrinsics())
-        self.T_color_depth: Array | None = None if color is None else transform_of(depth.get_extrinsics_to(color))
-        self._playback = None if self._recording is None else profile.get_device().as_playback()
-        self._align = rs.align(rs.stream.depth) if color is not None else None
-        self._smoothing = _smoothing(rs, self._config)
-
-    def _name(self) -> str:
-        return f"camera {self.info.serial}" if self._recording is None else f"recording {self._recording.path}"
 
     def next(self, seconds: float) -> Shot | None:
         """The next depth frame that was not given before, with the colour of the same exposure if it comes.
@@ -161,8 +109,8 @@ class Link:
         self._pending = None
         if frameset is None:
             return None
-        if self.color_intrinsics is not None and not self._in_step(frameset):
-            later = self._pull(1.5 * self.period)
+        if self.streams.color is not None and not self._in_step(frameset):
+            later = self._pull(1.5 * self.streams.period)
             if later is not None and _key(later) == _key(frameset):
                 frameset = later
             else:
@@ -188,21 +136,15 @@ class Link:
         color = frameset.get_color_frame()
         if not color:
             return False
-        return bool(abs(color.timestamp - frameset.get_depth_frame().timestamp) <= 0.6e3 * self.period)
+        apart = abs(color.timestamp - frameset.get_depth_frame().timestamp) * 1e-3
+        return bool(apart <= IN_STEP * self.streams.period)
 
     def _stamp(self, depth: Any) -> float:
-        rs, keys = self._rs, self._rs.frame_metadata_value
         if self._mapper is None:
-            device = depth.get_frame_timestamp_domain() == rs.timestamp_domain.hardware_clock
+            device = depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock
             base = Timebase.RECORDED if self._recording else Timebase.DEVICE if device else Timebase.EPOCH
             self._mapper = StampMapper(base, self._epoch)
-        lead = self.period
-        if all(depth.supports_frame_metadata(k) for k in (keys.frame_timestamp, keys.sensor_timestamp)):
-            lead = 1e-6 * (
-                depth.get_frame_metadata(keys.frame_timestamp) - depth.get_frame_metadata(keys.sensor_timestamp)
-            )
-            if depth.supports_frame_metadata(keys.actual_exposure):
-                lead += 0.5e-6 * depth.get_frame_metadata(keys.actual_exposure)
+        lead = exposure_lead(self._rs, depth, self.streams.period)
         return self._mapper.stamp(depth.timestamp * 1e-3, self._clock.now(), lead)
 
     def depth(self, shot: Shot) -> NDArray[np.uint16]:
@@ -211,8 +153,8 @@ class Link:
         for block in self._smoothing:
             frame = block.process(frame)
         raw = np.array(frame.get_data(), dtype=np.uint16)
-        near, far = self._config.near_m / self.depth_scale, self._config.far_m / self.depth_scale
-        raw[(raw < near) | (raw > far)] = 0
+        scale = self.streams.depth_scale
+        raw[(raw < self._config.near_m / scale) | (raw > self._config.far_m / scale)] = 0
         return raw
 
     def aligned_color(self, shot: Shot) -> NDArray[np.uint8] | None:
@@ -242,6 +184,11 @@ class Link:
         worker = threading.Thread(target=_stop, args=(pipeline,), daemon=True, name="stop of a RealSense pipeline")
         worker.start()
         worker.join(STOP_TIMEOUT)
+        if worker.is_alive():
+            atexit.register(worker.join, EXIT_TIMEOUT)
+
+    def _name(self) -> str:
+        return f"camera {self.info.serial}" if self._recording is None else f"recording {self._recording.path}"
 
 
 def _stop(pipeline: Any) -> None:
@@ -254,36 +201,3 @@ def _stop(pipeline: Any) -> None:
 def _key(frameset: Any) -> tuple[int, float]:
     depth = frameset.get_depth_frame()
     return int(depth.frame_number), float(depth.timestamp)
-
-
-def _last_words(error: RuntimeError) -> str:
-    return str(error).strip().rstrip(".")
-
-
-def _smoothing(rs: Any, config: CameraConfig) -> list[Any]:
-    """librealsense's filters in their recommended order; none of them remembers earlier frames."""
-    wanted = config.realsense.spatial
-    if wanted is None:
-        return []
-    spatial = rs.spatial_filter()
-    spatial.set_option(rs.option.filter_magnitude, wanted.magnitude)
-    spatial.set_option(rs.option.filter_smooth_alpha, wanted.alpha)
-    spatial.set_option(rs.option.filter_smooth_delta, wanted.delta)
-    spatial.set_option(rs.option.holes_fill, 0)
-    return [rs.disparity_transform(True), spatial, rs.disparity_transform(False)]
-
-
-def _start_problem(words: str, info: CameraInfo, config: CameraConfig) -> HardwareError:
-    """What a failed start means, with the next step; only what another attempt may mend is `StartFailed`."""
-    what = f"camera {info.serial} does not start: {words}."
-    if "busy" in words.lower():
-        return HardwareError(
-            f"{what} Another program has it: close realsense-viewer, a ROS camera node or another evg-app"
-        )
-    if "resolve" in words.lower():
-        color = config.realsense.color
-        wanted = f"depth {config.width_px}x{config.height_px}"
-        wanted += f" and colour {color.width_px}x{color.height_px}" if color else ""
-        advice = info.link_advice() or "Change the stream sizes or fps in the camera's YAML"
-        return HardwareError(f"{what} It does not offer {wanted} at {config.realsense.fps} Hz. {advice}")
-    return StartFailed(what)

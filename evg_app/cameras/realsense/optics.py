@@ -1,5 +1,6 @@
 """Intrinsics and extrinsics of librealsense as values of evg-app."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,48 @@ from evg_app.types import Intrinsics
 
 GRID = 15
 """Points along each side of the image over which an inverse distortion is turned round."""
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Optics and rate of what a pipeline gives.
+
+    Attributes:
+        depth: of the depth stream.
+        depth_scale: metres per unit of raw depth [m].
+        period: time between two frames [s].
+        color: of the colour stream, None without one.
+        T_color_depth: depth optical frame to colour optical frame (4, 4), None without colour.
+    """
+
+    depth: Intrinsics
+    depth_scale: float
+    period: float
+    color: Intrinsics | None
+    T_color_depth: Array | None
+
+
+def streams_of(rs: Any, profile: Any) -> Streams:
+    """The streams of a started pipeline.
+
+    Raises:
+        RuntimeError: there is no depth, or the optics are not known.
+    """
+    found = {
+        stream.stream_type(): stream.as_video_stream_profile()
+        for stream in profile.get_streams()
+        if stream.is_video_stream_profile()
+    }
+    if rs.stream.depth not in found:
+        raise RuntimeError("there is no depth stream")
+    depth, color = found[rs.stream.depth], found.get(rs.stream.color)
+    return Streams(
+        intrinsics_of(rs, depth.get_intrinsics()),
+        float(profile.get_device().first_depth_sensor().get_depth_scale()),
+        1.0 / depth.fps(),
+        None if color is None else intrinsics_of(rs, color.get_intrinsics()),
+        None if color is None else transform_of(depth.get_extrinsics_to(color)),
+    )
 
 
 def intrinsics_of(rs: Any, raw: Any) -> Intrinsics:
@@ -33,11 +76,10 @@ def forward_distortion(rs: Any, raw: Any) -> tuple[float, ...]:
     rays = np.array([rs.rs2_deproject_pixel_to_point(raw, pixel.tolist(), 1.0)[:2] for pixel in pixels])
     x, y = rays.T
     r2 = x * x + y * y
-    zero = np.zeros_like(x)
     across = np.stack([x * r2, x * r2**2, 2 * x * y, r2 + 2 * x * x, x * r2**3], axis=1)
     down = np.stack([y * r2, y * r2**2, r2 + 2 * y * y, 2 * x * y, y * r2**3], axis=1)
     target = np.concatenate([(pixels[:, 0] - raw.ppx) / raw.fx - x, (pixels[:, 1] - raw.ppy) / raw.fy - y])
-    solved = np.linalg.lstsq(np.concatenate([across, down]), target + np.concatenate([zero, zero]), rcond=None)[0]
+    solved = np.linalg.lstsq(np.concatenate([across, down]), target, rcond=None)[0]
     return tuple(float(c) for c in solved)
 
 

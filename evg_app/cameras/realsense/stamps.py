@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
+from typing import Any
 
 WINDOW = 90
 """Frames over which the quickest one tells the offset between two clocks."""
@@ -47,3 +48,17 @@ class StampMapper:
         if self._timebase is Timebase.RECORDED:
             return min(self._offsets) + seconds
         return min(self._offsets) + seconds - lead - LATENCY
+
+
+def exposure_lead(rs: Any, depth: Any, period: float) -> float:
+    """Time from the start of a frame's exposure to its time stamp [s]; one `period` where the device does not tell.
+
+    The stamp is taken at readout, the metadata `sensor_timestamp` in the middle of the exposure.
+    """
+    keys = rs.frame_metadata_value
+    if not all(depth.supports_frame_metadata(key) for key in (keys.frame_timestamp, keys.sensor_timestamp)):
+        return period
+    lead = depth.get_frame_metadata(keys.frame_timestamp) - depth.get_frame_metadata(keys.sensor_timestamp)
+    if depth.supports_frame_metadata(keys.actual_exposure):
+        lead += 0.5 * depth.get_frame_metadata(keys.actual_exposure)
+    return float(lead) * 1e-6
