@@ -72,7 +72,7 @@ class Playback:
 
     def _round(self, attempt: RecordedAttempt, gathered: Gathered) -> Round:
         taken, views = frame_of(attempt.stored), views_of(attempt.stored)
-        poses = {view.q.tobytes(): view.T_base_cam for view in (*views, taken)}
+        poses = {view.q.tobytes(): view.T_base_cam for view in views} | {taken.q.tobytes(): taken.T_base_cam}
         perception = TablePerception(
             taken.T_base_task,
             lambda q: poses[q.tobytes()],
