@@ -111,9 +111,9 @@ def run(args: argparse.Namespace) -> int:
 def _on_hardware(
     args: argparse.Namespace, robot: RobotConfig, camera: CameraConfig, protocol: ProtocolConfig | None
 ) -> int:
+    calibration = hardware_arguments.require_ready(robot, camera, args.config_dir)
     import torch
 
-    calibration = hardware_arguments.require_ready(robot, camera, args.config_dir)
     with hushed():
         from evg_app.cli.real_run import Table, run_real, speed_of
     from evg_app.cli.progress import Progress

@@ -47,12 +47,16 @@ def _pass(round_: Round, check: Check) -> None:
     round_.start_attempt()
     reason, detail = StopReason.ERROR, "a device failed"
     try:
-        if not at(round_, look_pose(round_)):
-            round_.emit(Warned("not at look pose", "the arm is not at its look pose and may hide the scene"))
+        at_look = at(round_, look_pose(round_))
+        if not at_look:
+            text = "the arm is not at its look pose and may hide the scene; motions are planned from the look pose"
+            round_.emit(Warned("not at look pose", text))
         for state, step in STEPS:
             round_.emit(StateEntered(state))
             if step(round_) is not Outcome.OK:
                 break
+            if state is State.OBSERVE and not at_look:
+                round_.now.q = look_pose(round_)
         _check(round_, check)
         reason, detail = StopReason.STOPPED, "dry run"
     finally:

@@ -16,7 +16,7 @@ from evg_app.robots.fci.streamer import IDLE, MODES, REFLEX, USER_STOPPED, Optio
 from evg_app.robots.fci.worker import Worker
 from evg_app.types import ArmMode, ArmState, MotionResult, Trajectory
 
-CONNECT_TIMEOUT = 15.0
+CONNECT_TIMEOUT = 30.0
 """The controller must answer within this [s]."""
 START_TIMEOUT = 3.0
 """It must take a motion within this [s]."""

@@ -11,7 +11,7 @@ from evg_app.robots.fci.versions import connect_advice
 from evg_app.robots.fci.worker import Worker
 from evg_app.types import GripperResult, GripperState
 
-CONNECT_TIMEOUT = 15.0
+CONNECT_TIMEOUT = 30.0
 """The hand must answer within this [s]."""
 READ_TIMEOUT = 2.0
 """A reading must come within this [s]."""
