@@ -11,8 +11,9 @@ import numpy as np
 from evg_app.geometry import T_GRASP_FLIPPED, Array
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.kinematics import Kinematics, hand_of_grasp
-from evg_app.motion.legs import MAX_JUMP, Leg, approach_poses, find_legs, free_at_grasp, lift_poses
+from evg_app.motion.legs import MAX_JUMP, QUICK, THOROUGH, Leg, approach_poses, free_at_grasp, lift_poses
 from evg_app.motion.scene import Scene
+from evg_app.motion.track import jacobian, pose_error
 from evg_app.types import Verdict
 
 Q7_STEP = np.deg2rad(2.0)
@@ -22,7 +23,7 @@ SEEDS = 500
 ITERATIONS = 60
 """Steps of the numeric search."""
 DAMPING = 1e-4
-"""Of the least-squares steps."""
+"""Of the numeric search's least-squares steps."""
 LARGEST_STEP = 0.4
 """Of one joint in one iteration [rad]."""
 REACHED_M, REACHED_RAD = 1e-4, 1.7e-3
@@ -58,10 +59,15 @@ def reachability(
         q_start: where the arm is. Shape (7,).
         seeds: of the numeric search.
     """
-    near = free_at_grasp(planner.robot, planner.checker, scene, T_base_grasp, q_start)
-    mine = find_legs(planner.robot, planner.checker, scene, T_base_grasp, q_start)
-    found_legs = not isinstance(mine, Verdict) and any(planner.leg_is_free(leg, scene) for leg in mine)
-    configuration, legs = not isinstance(near, Verdict), found_legs
+    found_configuration = found_legs = False
+    for effort in (QUICK, THOROUGH):
+        near = free_at_grasp(planner.robot, planner.checker, scene, T_base_grasp, q_start, effort)
+        mine = planner.free_legs(scene, T_base_grasp, q_start, effort)
+        found_configuration = found_configuration or not isinstance(near, Verdict)
+        found_legs = found_legs or (not isinstance(mine, Verdict) and next(mine, None) is not None)
+        if found_legs:
+            break
+    configuration, legs = found_configuration, found_legs
     for T in (T_base_grasp, T_base_grasp @ T_GRASP_FLIPPED):
         if legs:
             break
@@ -72,7 +78,7 @@ def reachability(
             random = rng.uniform(planner.kinematics.lower, planner.kinematics.upper, (seeds, 7))
             q = _free(planner, scene, numeric_solutions(planner.kinematics, hand_of_grasp(planner.robot, T), random))
         configuration = configuration or len(q) > 0
-    return Reachability(configuration, legs, not isinstance(near, Verdict), found_legs)
+    return Reachability(configuration, legs, found_configuration, found_legs)
 
 
 def every_solution(kinematics: Kinematics, T_base_hand: Array) -> Array:
@@ -89,33 +95,16 @@ def numeric_solutions(kinematics: Kinematics, T_base_hand: Array, seeds: Array) 
     q = seeds.copy()
     for _ in range(ITERATIONS):
         frames = kinematics.frames(q)
-        error = _error(frames[:, 7] @ kinematics.geometry.T_7_hand, T_base_hand)
-        J = _jacobian(frames, frames[:, 7] @ kinematics.geometry.T_7_hand)
+        error = pose_error(frames[:, 7] @ kinematics.geometry.T_7_hand, T_base_hand[None])
+        J = jacobian(frames, frames[:, 7] @ kinematics.geometry.T_7_hand)
         square = J @ J.transpose(0, 2, 1) + DAMPING * np.eye(6)
         step = (J.transpose(0, 2, 1) @ np.linalg.solve(square, error[..., None]))[..., 0]
         q = np.clip(q + np.clip(step, -LARGEST_STEP, LARGEST_STEP), kinematics.lower, kinematics.upper)
-    error = _error(kinematics.fk_hand(q), T_base_hand)
+    error = pose_error(kinematics.fk_hand(q), T_base_hand[None])
     reached = np.linalg.norm(error[:, :3], axis=1) < REACHED_M
     reached &= np.linalg.norm(error[:, 3:], axis=1) < REACHED_RAD
     solutions: Array = q[reached]
     return solutions
-
-
-def _error(T: Array, T_wanted: Array) -> Array:
-    """Position [m] and rotation [rad] from poses (N, 4, 4) to the wanted one (4, 4). Shape (N, 6)."""
-    R = T_wanted[:3, :3] @ T[:, :3, :3].transpose(0, 2, 1)
-    axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
-    sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - 1.0)
-    turn = axis * (angle / np.maximum(sine, 1e-12))[:, None]
-    return np.concatenate([T_wanted[:3, 3] - T[:, :3, 3], turn], axis=1)
-
-
-def _jacobian(frames: Array, T_base_hand: Array) -> Array:
-    """Of the hand in the base frame. Shapes (N, 8, 4, 4) and (N, 4, 4) -> (N, 6, 7)."""
-    axes = frames[:, 1:, :3, 2]
-    moved = np.cross(axes, T_base_hand[:, None, :3, 3] - frames[:, 1:, :3, 3])
-    return np.concatenate([moved, axes], axis=2).transpose(0, 2, 1)
 
 
 def _free(planner: MotionPlanner, scene: Scene, q: Array) -> Array:

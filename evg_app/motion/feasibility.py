@@ -1,5 +1,7 @@
 """Judge ranked grasps and plan the pick: every looked-at grasp is accepted or gets the one reason against it."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from evg_app.config.models import RobotConfig
@@ -9,7 +11,7 @@ from evg_app.motion.collision import ArmChecker, SelfCollision
 from evg_app.motion.finish import Finisher
 from evg_app.motion.gripper import approach_hits, gripper_boxes, gripper_links, lift_hits
 from evg_app.motion.kinematics import Kinematics
-from evg_app.motion.legs import Leg, find_legs, lift_poses
+from evg_app.motion.legs import QUICK, THOROUGH, Effort, Leg, find_legs, lift_poses
 from evg_app.motion.plan import PickDecision, PickPlan
 from evg_app.motion.route import Router
 from evg_app.motion.scene import Scene, SceneView, empty_scene, prepare
@@ -21,6 +23,10 @@ __all__ = ["MotionPlanner", "SceneView"]
 
 MAX_SEARCHES = 2
 """Grasps of one decision for which blocked straight paths are worth a tree search."""
+MAX_SECOND_LOOKS = 8
+"""Grasps that are looked at again, closely, before a decision ends without a pick."""
+SECOND_LOOK = (Verdict.IK, Verdict.JOINT_LIMIT, Verdict.SELF_COLLISION, Verdict.ARM_COLLISION)
+"""Reasons that a closer look may overturn."""
 LIFT_CHECKS = 8
 """Poses of the lift at which the gripper is checked against the scene."""
 
@@ -86,8 +92,22 @@ class MotionPlanner:
             if chosen is None:
                 chosen = (index, *outcome)
         if chosen is None:
+            chosen = self._second_look(grasps, verdicts, prepared, q_start)
+        if chosen is None:
             return PickDecision(tuple(verdicts), None)
         return PickDecision(tuple(verdicts), chosen[2], chosen[0], chosen[1].flipped)
+
+    def _second_look(
+        self, grasps: Grasps, verdicts: list[Verdict], scene: Scene, q_start: Array
+    ) -> tuple[int, Leg, PickPlan] | None:
+        """Before giving up: the best grasps that only the arm did not reach, examined closely. Updates `verdicts`."""
+        doubtful = [k for k, verdict in enumerate(verdicts) if verdict in SECOND_LOOK]
+        for index in doubtful[:MAX_SECOND_LOOKS]:
+            outcome = self._judge(grasps, index, scene, q_start, True, THOROUGH)
+            if not isinstance(outcome, Verdict):
+                verdicts[index] = Verdict.ACCEPTED
+                return (index, *outcome)
+        return None
 
     def go_to(self, q_start: Array, q_goal: Array, scene: SceneView | None = None) -> Trajectory:
         """A verified, collision-checked motion; without a scene only declared boxes, table and arm count.
@@ -128,7 +148,7 @@ class MotionPlanner:
         return ""
 
     def _judge(
-        self, grasps: Grasps, index: int, scene: Scene, q_start: Array, search: bool
+        self, grasps: Grasps, index: int, scene: Scene, q_start: Array, search: bool, effort: Effort = QUICK
     ) -> tuple[Leg, PickPlan] | Verdict:
         """Cheap tests first; the first that fails is the reason."""
         T_task_grasp, width = grasps.T_task_grasp[index], float(grasps.width[index])
@@ -140,10 +160,9 @@ class MotionPlanner:
         T_base_grasp = self.robot.T_base_task.matrix() @ T_task_grasp
         if self._gripper_hits(scene, T_base_grasp, width):
             return Verdict.GRIPPER_COLLISION
-        legs = find_legs(self.robot, self.checker, scene, T_base_grasp, q_start)
-        if isinstance(legs, Verdict):
-            return legs
-        free = (leg for leg in legs if self.leg_is_free(leg, scene))
+        free = self.free_legs(scene, T_base_grasp, q_start, effort)
+        if isinstance(free, Verdict):
+            return free
         return self._finisher.plan(free, scene, T_base_grasp, width, q_start, search)
 
     def _gripper_hits(self, scene: Scene, T_base_grasp: Array, width: float) -> bool:
@@ -157,6 +176,15 @@ class MotionPlanner:
     def prepared(self, scene: SceneView, q_start: Array) -> Scene:
         """What all checks work on: `scene` without what the arm itself occupies at q_start (7,)."""
         return prepare(self.robot, scene, self.kinematics.link_primitives(q_start))
+
+    def free_legs(
+        self, scene: Scene, T_base_grasp: Array, q_start: Array, effort: Effort = QUICK
+    ) -> Iterator[Leg] | Verdict:
+        """Straight executions of a grasp along which the arm (without the gripper) touches nothing, cheapest first."""
+        legs = find_legs(self.robot, self.checker, scene, T_base_grasp, q_start, effort)
+        if isinstance(legs, Verdict):
+            return legs
+        return (leg for leg in legs if self.leg_is_free(leg, scene))
 
     def leg_is_free(self, leg: Leg, scene: Scene) -> bool:
         """Whether the arm (without the gripper) touches nothing on straight approach and lift."""

@@ -8,9 +8,11 @@ import numpy as np
 from evg_app.config.models import RobotConfig
 from evg_app.geometry import T_GRASP_FLIPPED, Array
 from evg_app.motion.collision import ArmChecker
-from evg_app.motion.kinematics import Integers, hand_of_grasp
+from evg_app.motion.kinematics import Q7_SAMPLES, Integers, Kinematics, hand_of_grasp
 from evg_app.motion.path import JointPath, bezier_lift, through
 from evg_app.motion.scene import Scene
+from evg_app.motion.times import Times
+from evg_app.motion.track import track
 from evg_app.types import Verdict
 
 CARTESIAN_STEP = 0.005
@@ -21,10 +23,29 @@ BACK_OFF = 0.05
 """How far a steep grasp backs off along its approach before it goes straight up [m]."""
 STEEP = 0.5
 """Grasps whose approach is within 60 degrees of straight down are steep: cosine of that angle."""
-MAX_CANDIDATES = 24
-"""Configurations of one grasp that are looked at."""
-Q7_APART = 0.25
-"""Candidates of the same branch differ at least this much in q7 [rad]."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How closely a grasp is looked at.
+
+    Attributes:
+        q7_samples: values of the free joint.
+        q7_apart: candidates of the same branch differ at least this much in q7 [rad].
+        candidates: configurations at the grasp that are followed.
+        fixed_q7: whether legs with q7 held are tried beside those of least motion.
+    """
+
+    q7_samples: int
+    q7_apart: float
+    candidates: int
+    fixed_q7: bool
+
+
+QUICK = Effort(Q7_SAMPLES, 0.25, 24, False)
+"""For every grasp."""
+THOROUGH = Effort(4 * Q7_SAMPLES, 0.05, 120, True)
+"""Before a decision ends without a pick."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +56,7 @@ class Leg:
         T_base_grasp: flip included. Shape (4, 4).
         flipped: whether it is the antipodal twin.
         approach_q, lift_q: configurations along both straight parts. Shape (K, 7) [rad].
-        cost: about how long it takes from the reference and back, and closeness to limits [s].
+        cost: about how long the whole cycle takes, and closeness to limits [s].
     """
 
     T_base_grasp: Array
@@ -84,23 +105,33 @@ def lift_poses(robot: RobotConfig, T_base_grasp: Array) -> Array:
 
 
 def find_legs(
-    robot: RobotConfig, checker: ArmChecker, scene: Scene, T_base_grasp: Array, q_reference: Array
+    robot: RobotConfig,
+    checker: ArmChecker,
+    scene: Scene,
+    T_base_grasp: Array,
+    q_reference: Array,
+    effort: Effort = QUICK,
 ) -> list[Leg] | Verdict:
-    """All straight executions of a grasp whose arm is free of collision, cheapest first, or the reason for none.
+    """Straight executions of a grasp that begin where the arm is free of collision, cheapest first, or why none.
 
     The gripper itself on these legs is not checked here (see `gripper.py`).
     """
-    candidates = free_at_grasp(robot, checker, scene, T_base_grasp, q_reference)
+    candidates = free_at_grasp(robot, checker, scene, T_base_grasp, q_reference, effort)
     if isinstance(candidates, Verdict):
         return candidates
-    return _straight(robot, checker, T_base_grasp, candidates, q_reference)
+    return _straight(robot, checker, T_base_grasp, candidates, q_reference, effort)
 
 
 def free_at_grasp(
-    robot: RobotConfig, checker: ArmChecker, scene: Scene, T_base_grasp: Array, q_reference: Array
+    robot: RobotConfig,
+    checker: ArmChecker,
+    scene: Scene,
+    T_base_grasp: Array,
+    q_reference: Array,
+    effort: Effort = QUICK,
 ) -> Candidates | Verdict:
     """The chosen configurations at the grasp where the arm touches nothing, cheapest first, or the reason for none."""
-    candidates = _at_grasp(robot, checker, T_base_grasp, q_reference)
+    candidates = _at_grasp(robot, checker, T_base_grasp, q_reference, effort)
     if isinstance(candidates, Verdict):
         return candidates
     free = [k for k in range(len(candidates.q)) if not checker.self_collision.collides(candidates.q[k])]
@@ -121,9 +152,14 @@ def _flipped(T_base_grasp: Array) -> tuple[Array, Array]:
     return T_base_grasp, T_base_grasp @ T_GRASP_FLIPPED
 
 
-def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array) -> Candidates | Verdict:
+def _at_grasp(
+    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array, effort: Effort
+) -> Candidates | Verdict:
     """A diverse choice of the solutions of both flips, cheapest first."""
-    found = [checker.kinematics.search(hand_of_grasp(robot, T), reference) for T in _flipped(T_base_grasp)]
+    kinematics = checker.kinematics
+    near = np.clip(reference[6], kinematics.lower[6], kinematics.upper[6])
+    q7 = np.append(np.linspace(kinematics.lower[6], kinematics.upper[6], effort.q7_samples), near)
+    found = [kinematics.search(hand_of_grasp(robot, T), reference, q7) for T in _flipped(T_base_grasp)]
     if not any(len(f.q) for f in found):
         return Verdict.JOINT_LIMIT if any(f.any_without_limits for f in found) else Verdict.IK
     q, branch = np.concatenate([f.q for f in found]), np.concatenate([f.branch for f in found])
@@ -132,43 +168,60 @@ def _at_grasp(robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, refe
     chosen: list[int] = []
     for k in np.argsort(cost, kind="stable"):
         same = [c for c in chosen if branch[c] == branch[k] and flip[c] == flip[k]]
-        if all(abs(q[c, 6] - q[k, 6]) > Q7_APART for c in same):
+        if all(abs(q[c, 6] - q[k, 6]) > effort.q7_apart for c in same):
             chosen.append(int(k))
-        if len(chosen) == MAX_CANDIDATES:
+        if len(chosen) == effort.candidates:
             break
     return _only(Candidates(q, branch, flip, cost), np.array(chosen))
 
 
-def _time_of(checker: ArmChecker, q_reference: Array, approach: Array, lift: Array) -> float:
-    """About how long [s] it takes to come from `q_reference` (7,), to approach and lift (K, 7), and to go back there.
-
-    Straight legs near a singularity, where joints turn far for a short way, are expensive here.
-    """
-    kinematics = checker.kinematics
-    along = sum((np.abs(np.diff(leg, axis=0)) / kinematics.speed).sum(axis=0).max() for leg in (approach, lift))
-    return float(kinematics.cost(approach[0], q_reference) + along + kinematics.cost(lift[-1], q_reference))
-
-
 def _straight(
-    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: Candidates, q_reference: Array
+    robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, c: Candidates, q_reference: Array, effort: Effort
 ) -> list[Leg] | Verdict:
     """Follow approach and lift with each candidate; those that stay solvable, smooth and inside the limits."""
+    kinematics = checker.kinematics
+    twins = _flipped(T_base_grasp)
+    backwards = np.stack([hand_of_grasp(robot, approach_poses(robot, T)[::-1]) for T in twins])
+    upwards = np.stack([hand_of_grasp(robot, lift_poses(robot, T)) for T in twins])
+    back, up = _with_least_motion(kinematics, c, backwards[c.flip], upwards[c.flip])
+    flips = c.flip
+    if effort.fixed_q7:
+        held = [_with_q7_held(kinematics, c, poses) for poses in (backwards, upwards)]
+        back, up, flips = np.concatenate([back, held[0]]), np.concatenate([up, held[1]]), np.tile(c.flip, 2)
+    times = Times.of(robot, q_reference)
     legs: list[Leg] = []
     reason = Verdict.IK
-    for flip, T in enumerate(_flipped(T_base_grasp)):
-        rows = np.flatnonzero(c.flip == flip)
-        if len(rows) == 0:
+    for k in range(len(back)):
+        approach, lift = back[k, ::-1], up[k]
+        whole = np.concatenate([approach, lift])
+        if not np.isfinite(whole).all():
             continue
-        approach, lift = approach_poses(robot, T), lift_poses(robot, T)
-        poses = hand_of_grasp(robot, np.concatenate([approach, lift]))
-        q = checker.kinematics.follow(poses, c.q[rows, 6], c.branch[rows])
-        solved = np.isfinite(q).all(axis=(1, 2))
-        inside = checker.kinematics.inside_limits(q).all(axis=1)
-        jump = np.abs(np.diff(q, axis=1)).max(axis=(1, 2))
-        if (solved & ~inside).any():
+        if not kinematics.inside_limits(whole).all():
             reason = Verdict.JOINT_LIMIT
-        n = len(approach)
-        for k in np.flatnonzero(solved & inside & (jump < MAX_JUMP)):
-            cost = _time_of(checker, q_reference, q[k, :n], q[k, n:])
-            legs.append(Leg(T, bool(flip), q[k, :n], q[k, n:], cost))
+        elif max(np.abs(np.diff(leg, axis=0)).max() for leg in (approach, lift)) < MAX_JUMP:
+            flip = bool(flips[k])
+            legs.append(Leg(twins[int(flip)], flip, approach, lift, times.of_leg(kinematics, approach, lift)))
     return sorted(legs, key=lambda leg: leg.cost) or reason
+
+
+def _with_least_motion(kinematics: Kinematics, c: Candidates, back: Array, up: Array) -> tuple[Array, Array]:
+    """From the grasp along poses (C, K, 4, 4) and (C, L, 4, 4), the elbow nearly still. Shapes (C, K, 7), (C, L, 7)."""
+    count, n, m = len(c.q), back.shape[1], up.shape[1]
+    poses = np.concatenate([_padded(back, max(n, m)), _padded(up, max(n, m))])
+    path = track(kinematics, np.concatenate([c.q, c.q]), poses)
+    return path[:count, :n], path[count:, :m]
+
+
+def _with_q7_held(kinematics: Kinematics, c: Candidates, poses: Array) -> Array:
+    """From the grasp along the poses of each flip (2, K, 4, 4). Shape (C, K, 7)."""
+    path = np.full((len(c.q), poses.shape[1], 7), np.nan)
+    for flip in (0, 1):
+        rows = np.flatnonzero(c.flip == flip)
+        if len(rows):
+            path[rows] = kinematics.follow(poses[flip], c.q[rows, 6], c.branch[rows])
+    return path
+
+
+def _padded(poses: Array, length: int) -> Array:
+    """The last pose repeated. Shapes (C, K, 4, 4) -> (C, length, 4, 4)."""
+    return np.concatenate([poses, np.repeat(poses[:, -1:], length - poses.shape[1], axis=1)], axis=1)

@@ -1,5 +1,7 @@
 """OMPL's search finds ways round, is a function of its seed, gives up after a bounded effort, and checks every edge."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ def around_a_wall(p, q):
 def test_a_way_round_is_found_and_every_edge_is_free():
     path = search(START, GOAL, LOW, HIGH, around_a_wall)
     np.testing.assert_array_equal(path[[0, -1]], [START, GOAL])
-    assert all(around_a_wall(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
+    assert all(around_a_wall(a, b) for a, b in pairwise(path))
     assert path[:, 1].max() > 1.0
 
 

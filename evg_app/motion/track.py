@@ -1,0 +1,71 @@
+"""Following poses with the least motion of the joints: the elbow stays where it is instead of swinging.
+
+Each step is a weighted least-norm Newton step; joints count by the time they take.
+"""
+
+import numpy as np
+
+from evg_app.geometry import Array
+from evg_app.motion.kinematics import Kinematics
+
+DAMPING = 1e-8
+"""Keeps singular poses solvable; then the pose is missed and the row becomes NaN."""
+MISSED = 1e-5
+"""A pose counts as reached within this [m and rad]."""
+LARGEST_STEP = 0.3
+"""Of one joint in one Newton step [rad]."""
+
+
+def track(kinematics: Kinematics, q: Array, poses: Array) -> Array:
+    """Configurations along poses, each near the one before; NaN from where a pose cannot be reached.
+
+    Args:
+        kinematics: of the arm.
+        q: where each row starts. Shape (C, 7) [rad].
+        poses: T_base_hand along each row, the first near fk(q). Shape (C, K, 4, 4).
+
+    Returns:
+        Shape (C, K, 7) [rad]. Joint limits are not looked at.
+    """
+    path = np.full((*poses.shape[:2], 7), np.nan)
+    now = q
+    with np.errstate(invalid="ignore"):
+        for k in range(poses.shape[1]):
+            now = _newton(kinematics, now, poses[:, k])
+            path[:, k] = now
+        wanted = poses.reshape(-1, 4, 4)
+        flat = _newton(kinematics, path.reshape(-1, 7), wanted)
+        error = pose_error(kinematics.fk_hand(flat), wanted)
+    path = flat.reshape(path.shape)
+    missed = ~(np.abs(error).max(axis=1) < MISSED).reshape(poses.shape[:2])
+    path[np.logical_or.accumulate(missed, axis=1)] = np.nan
+    return path
+
+
+def _newton(kinematics: Kinematics, q: Array, T_wanted: Array) -> Array:
+    """One step from q (N, 7) towards poses (N, 4, 4): poses along a path lie so close that one nearly reaches."""
+    frames = kinematics.frames(q)
+    T = frames[:, 7] @ kinematics.geometry.T_7_hand
+    J = jacobian(frames, T)
+    weighted = J * kinematics.speed**2
+    square = weighted @ J.transpose(0, 2, 1) + DAMPING * np.eye(6)
+    step = weighted.transpose(0, 2, 1) @ np.linalg.solve(square, pose_error(T, T_wanted)[..., None])
+    return np.asarray(q + np.clip(step[..., 0], -LARGEST_STEP, LARGEST_STEP))
+
+
+def pose_error(T: Array, T_wanted: Array) -> Array:
+    """Position [m] and rotation vector [rad] from poses (N, 4, 4) to the wanted ones (N or 1, 4, 4). Shape (N, 6)."""
+    R = T_wanted[..., :3, :3] @ T[:, :3, :3].transpose(0, 2, 1)
+    axis = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine = np.linalg.norm(axis, axis=1)
+    angle = np.arctan2(sine, np.trace(R, axis1=1, axis2=2) - 1.0)
+    # For small angles axis / 2 is the rotation vector.
+    scale = np.where(sine > 1e-8, angle / np.maximum(sine, 1e-12), 0.5)
+    return np.concatenate([T_wanted[..., :3, 3] - T[:, :3, 3], axis * scale[:, None]], axis=1)
+
+
+def jacobian(frames: Array, T_base_hand: Array) -> Array:
+    """Of the hand, in the base frame. Shapes (N, 8, 4, 4) and (N, 4, 4) -> (N, 6, 7)."""
+    axes = frames[:, 1:, :3, 2]
+    moved = np.cross(axes, T_base_hand[:, None, :3, 3] - frames[:, 1:, :3, 3])
+    return np.concatenate([moved, axes], axis=2).transpose(0, 2, 1)
