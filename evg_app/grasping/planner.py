@@ -21,10 +21,10 @@ from torch import Tensor, nn
 from evg_app.errors import BadInput, WeightsError
 from evg_app.geometry import GRID_SIZE, WORKSPACE_SIZE, Array, make
 from evg_app.grasping import lattice, selection
-from evg_app.grasping.fast.encoder import encoder_of
+from evg_app.grasping.fast.eager import EagerEncoder, EagerHeads
+from evg_app.grasping.fast.encoder import Encoder, FastEncoder
 from evg_app.grasping.fast.field import Field
-from evg_app.grasping.fast.heads import Place, heads_of
-from evg_app.grasping.fast.layers import Buffers
+from evg_app.grasping.fast.heads import Heads, Place, heads_of
 from evg_app.grasping.fast.workers import Workers, one_torch_thread, pieces
 from evg_app.grasping.protocol import Grid, grid_values
 from evg_app.grasping.weights import load_weights
@@ -72,7 +72,7 @@ class PlannerConfig:
     dense: bool = False
     dense_graspness: float = 0.05
     allow_contact: bool = False
-    points_at_once: int = 512
+    points_at_once: int = 1024
     grasps_at_once: int = 128
 
 
@@ -94,10 +94,11 @@ class GraspPlanner:
         self._net = net.eval().to(self._device)
         self._name, self._sha = name, weights_sha256
         self.config = config or PlannerConfig()
-        threads = min(torch.get_num_threads(), MOST_THREADS) if self._device.type == "cpu" else 1
-        self._workers = Workers(threads, self._device)
-        self._encoder = encoder_of(net, self._device, threads)
-        self._heads = heads_of(net, self._device)
+        on_cpu = self._device.type == "cpu"
+        threads = min(torch.get_num_threads(), MOST_THREADS) if on_cpu else 1
+        self._workers = Workers(threads)
+        self._encoder: Encoder = FastEncoder(net.backbone, threads) if on_cpu else EagerEncoder(net, self._device)
+        self._heads: Heads = heads_of(net) if on_cpu else EagerHeads(net)
 
     @classmethod
     def load(
@@ -198,12 +199,12 @@ class GraspPlanner:
         noise = self._tensor(lattice.rotation_noise(index, self.config.samples, seed))
         voxels = self._tensor(index)
 
-        def ask(part: slice, buffers: Buffers) -> tuple[Tensor, Tensor, Tensor]:
+        def ask(part: slice) -> tuple[Tensor, Tensor, Tensor]:
             place = Place(field, voxels[part])
-            candidates, scores = self._heads.rotations(place, noise[:, part], self.config.steps, buffers)
+            candidates, scores = self._heads.rotations(place, noise[:, part], self.config.steps)
             score, which = scores[..., -1 if self.config.allow_contact else 0].max(0)
             rotation = candidates[which, torch.arange(len(which), device=self._device)]
-            return rotation, score, self._heads.width(place, buffers)
+            return rotation, score, self._heads.width(place)
 
         parts = self._workers.map(ask, pieces(len(index), self.config.grasps_at_once))
         answers = [torch.cat(part).cpu().numpy().astype(np.float64) for part in zip(*parts, strict=True)]
@@ -221,8 +222,8 @@ class GraspPlanner:
         """Graspness in [0, 1] at lattice points (see `Place`). Shape (N,)."""
         points = self._tensor(index)
 
-        def ask(part: slice, buffers: Buffers) -> Tensor:
-            return self._heads.graspness(Place(field, points[part], side), buffers)
+        def ask(part: slice) -> Tensor:
+            return self._heads.graspness(Place(field, points[part], side))
 
         parts = self._workers.map(ask, pieces(len(index), self.config.points_at_once))
         answer: NDArray[np.float32] = torch.cat(parts).sigmoid().cpu().numpy()

@@ -6,8 +6,9 @@ import torch
 from torch import Tensor
 
 from evg_app.geometry import GRID_SIZE
-from evg_app.grasping.fast.field import GROUP, PIXEL_W, Field, Reader
-from evg_app.grasping.fast.layers import Affine, Buffers
+from evg_app.grasping.fast.affine import Affine
+from evg_app.grasping.fast.field import PIXEL_W, Field, Reader
+from evg_app.grasping.fast.graph import Graph, Native, Shape
 from evg_app.nets.attention import DeformableAttention, GraspAttention
 
 CANDIDATES = 64
@@ -15,34 +16,42 @@ CANDIDATES = 64
 
 
 class Look:
-    """A deformable attention up to what it reads: sum_k A_k c(p + D_k), offsets and weights linear in c(p)."""
+    """A deformable attention up to what it reads: sum_k A_k c(p + D_k), offsets and weights linear in c(p).
 
-    def __init__(self, attention: DeformableAttention, reader: Reader, device: torch.device) -> None:
-        offsets, weights = Affine.of(attention.to_offsets), Affine.of(attention.to_weights)
-        columns = [(attention.offsets + 2 * k, attention.offsets + 2 * k + 1, k) for k in range(attention.offsets)]
-        matrix = offsets.weight.new_zeros(len(offsets.weight), attention.offsets, 4)
-        bias = offsets.bias.new_zeros(attention.offsets, 4)
-        for k, column in enumerate(columns):  # (x, y, z) of offset k among the outputs: z of all, then x and y of each
-            matrix[:, k, :3], bias[k, :3] = (
-                offsets.weight[:, column] * GRID_SIZE,
-                offsets.bias[list(column)] * GRID_SIZE,
-            )
-        self._ask = Affine(matrix.flatten(1), bias.flatten()).beside(weights).final(device)
-        self._reader, self._each = reader, attention.offsets
+    Attributes:
+        attended: from [c, what was read], side by side, to what the attention returns.
+    """
+
+    def __init__(self, attention: DeformableAttention) -> None:
+        weights = Affine.of(attention.to_weights)
         self.attended = _attended(attention, weights)
-        """From [c, what was read], side by side, to what the attention returns."""
+        self._reader = Reader(attention.offsets)
+        self._ask = self._graph(attention, weights)
 
-    def __call__(self, field: Field, c: Tensor, pixels: Tensor, buffers: Buffers) -> Tensor:
+    def _graph(self, attention: DeformableAttention, weights: Affine) -> Native:
+        """From features (N, C) and pixels (N, 4) to what the reader wants."""
+        g, each = Graph(), attention.offsets
+        offsets = g.affine("c", _pixel_offsets(attention))
+        where = g.add("Reshape", offsets, g.constant([-1, each, 4]))
+        where = g.add("Add", where, g.add("Unsqueeze", "pixels", g.constant([1])))
+        weight = g.add("Unsqueeze", g.affine("c", weights), g.constant([2]))
+        inputs: dict[str, Shape] = {"c": ["n", len(weights.weight)], "pixels": ["n", 4]}
+        return Native(g.model(inputs, self._reader.ask(g, where, weight)))
+
+    def __call__(self, field: Field, c: Tensor, pixels: Tensor) -> Tensor:
         """[c, what was read] at points with features c (N, C) and pixels (N, 4). (N, 2 C)."""
-        rows, split = len(c), 4 * self._each
-        asked = self._ask(c, buffers.take("look.ask", rows, split + self._each))
-        where = torch.add(
-            asked[:, :split].view(rows, self._each, 4),
-            pixels[:, None],
-            out=buffers.take("look.where", rows, self._each, 4),
-        )
-        read = self._reader.read(field, where.view(-1, 4), asked[:, split:].reshape(-1), buffers)
-        return torch.cat([c, read], 1)
+        return torch.cat([c, self._reader.read(field, *self._ask(c, pixels))], 1)
+
+
+def _pixel_offsets(attention: DeformableAttention) -> Affine:
+    """From c to the offsets as pixels (x, y, z, 0) of all attended points."""
+    offsets, count = Affine.of(attention.to_offsets), attention.offsets
+    matrix = offsets.weight.new_zeros(len(offsets.weight), count, 4)
+    bias = offsets.bias.new_zeros(count, 4)
+    for k in range(count):  # the outputs are z of all, then x and y of each
+        columns = [count + 2 * k, count + 2 * k + 1, k]
+        matrix[:, k, :3], bias[k, :3] = GRID_SIZE * offsets.weight[:, columns], GRID_SIZE * offsets.bias[columns]
+    return Affine(matrix.flatten(1), bias.flatten())
 
 
 def _attended(attention: DeformableAttention, weights: Affine) -> Affine:
@@ -51,54 +60,62 @@ def _attended(attention: DeformableAttention, weights: Affine) -> Affine:
     per_weight = values.bias @ out.weight
     own = torch.eye(len(weights.weight), dtype=torch.float64) + torch.outer(weights.weight.sum(1), per_weight)
     of_c = Affine(own, weights.bias.sum() * per_weight + out.bias)
-    return of_c.plus(Affine(values.weight @ out.weight, torch.zeros_like(out.bias)))
+    return of_c.plus(Affine.linear(values.weight @ out.weight))
 
 
 class Grip:
-    """The grasp-conditioned attention up to what it reads at the gripper's control points."""
+    """The grasp-conditioned attention up to what it reads at the gripper's control points.
 
-    def __init__(self, attention: GraspAttention, reader: Reader, device: torch.device) -> None:
-        points, code = (x.detach().double() for x in attention.tied())
-        hidden = attention.hidden
-        ask = Affine.of(attention.to_query)
-        invariant = slice(4 * hidden.reg, 4 * hidden.reg + hidden.triv)
-        bias = ask.bias.clone()
-        bias[invariant] += attention.query_encoding.detach().double()
-        scale = 1.0 / math.sqrt(hidden.size)
-        query = Affine(ask.weight * scale, bias * scale)
-        keys = Affine.of(attention.to_key).weight.T  # their bias is the same for all points: softmax ignores it
-        codes = code.new_zeros(hidden.size, len(points))
-        codes[invariant] = code.T
-        both = torch.cat([keys, codes], 1)
-        self._query = query.then(Affine(both, both.new_zeros(both.shape[1]))).final(device)
-        self._place = _placement(points).final(device)
-        self._reader, self._points = reader, len(points)
+    Attributes:
+        attended: from [c, what was read], side by side, to what the attention returns.
+    """
+
+    def __init__(self, attention: GraspAttention) -> None:
+        points, code = (x.detach().double().cpu() for x in attention.tied())
+        self._points, self._reader = len(points), Reader(1)
+        query = _query(attention, code)
+        g = Graph()
+        asked = g.affine("c", query)
+        self._query = Native(g.model({"c": ["n", len(query.weight)]}, {"y": (asked, ["n", len(query.bias)])}))
+        g = Graph()
+        pixels = g.add("Reshape", g.affine("where", _placement(points)), g.constant([-1, 4]))
+        self._place = Native(g.model({"where": ["n", 12]}, self._reader.ask(g, pixels, None)))
         value = Affine.of(attention.to_value).then(Affine.of(attention.out))
-        self.attended = Affine(torch.eye(len(ask.weight), dtype=torch.float64), value.bias * 0.0).plus(value)
-        """From [c, what was read], side by side, to what the attention returns."""
+        self.attended = Affine.linear(torch.eye(len(query.weight))).plus(value)
 
-    def __call__(self, field: Field, c: Tensor, pixels: Tensor, rotation: Tensor, buffers: Buffers) -> Tensor:
+    def __call__(self, field: Field, c: Tensor, pixels: Tensor, rotation: Tensor) -> Tensor:
         """[c, what was read] of grasps with features c (N, C), pixels (N, 4) and rotations (N, 3, 3). (N, 2 C)."""
         rows, channels = c.shape
         where = torch.cat([rotation.flatten(1), pixels[:, :3]], 1)
-        query = self._query(c, buffers.take("grip.query", rows, channels + self._points))
-        out = torch.empty(rows, 2 * channels, device=c.device)
-        out[:, :channels] = c
+        query = self._query(c)[0]
+        parts = []
         for first in range(0, rows, CANDIDATES):
             part = slice(first, min(first + CANDIDATES, rows))
-            read = self._read(field, where[part], buffers)
+            read = self._read(field, where[part])
             scores = torch.baddbmm(query[part, channels:, None], read, query[part, :channels, None])  # (n, points, 1)
-            out[part, channels:] = torch.bmm(scores.softmax(1).transpose(1, 2), read)[:, 0]
-        return out
+            parts.append(torch.bmm(scores.softmax(1).transpose(1, 2), read)[:, 0])
+        return torch.cat([c, torch.cat(parts)], 1)
 
-    def _read(self, field: Field, where: Tensor, buffers: Buffers) -> Tensor:
+    def _read(self, field: Field, where: Tensor) -> Tensor:
         """Features at the control points of grasps [rotation, pixel] (n, 12). (n, points, C)."""
         n = len(where)
-        padded = -(-n // GROUP) * GROUP
-        pixels = buffers.take("grip.pixels", padded, 4 * self._points)
-        pixels[n:] = 0.0
-        self._place(where, pixels[:n])
-        return self._reader.read(field, pixels.view(-1, 4), None, buffers).view(padded, self._points, -1)[:n]
+        if n % self._reader.group:
+            where = torch.cat([where, where.new_zeros(-n % self._reader.group, 12)])
+        return self._reader.read(field, *self._place(where)).view(len(where), self._points, -1)[:n]
+
+
+def _query(attention: GraspAttention, code: Tensor) -> Affine:
+    """From c to what a point's feature is multiplied with, and what its encoding adds: (C, C + points)."""
+    hidden, ask = attention.hidden, Affine.of(attention.to_query)
+    invariant = slice(4 * hidden.reg, 4 * hidden.reg + hidden.triv)
+    encoding = torch.zeros_like(ask.bias)
+    encoding[invariant] = attention.query_encoding.detach().double().cpu()
+    scale = 1.0 / math.sqrt(hidden.size)
+    query = Affine(scale * ask.weight, scale * (ask.bias + encoding))
+    codes = code.new_zeros(hidden.size, len(code))
+    codes[invariant] = code.T
+    keys = Affine.of(attention.to_key).weight.T  # their bias is the same for all points: softmax ignores it
+    return query.then(Affine.linear(torch.cat([keys, codes], 1)))
 
 
 def _placement(points: Tensor) -> Affine:

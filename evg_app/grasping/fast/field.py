@@ -3,12 +3,14 @@
 Points here are pixels: (x, y, z, PIXEL_W) with x = 0 at the centre of voxel 0. The fourth makes affine maps linear.
 """
 
+import numpy as np
 import torch
 import torch.nn.functional as F
+from onnx import TensorProto
 from torch import Tensor
 
 from evg_app.geometry import GRID_SIZE
-from evg_app.grasping.fast.layers import Buffers
+from evg_app.grasping.fast.graph import Graph, Shape
 
 PIXEL_W = 1.5
 """Fourth number of a pixel: its whole part is 1, what is left is 0.5."""
@@ -59,10 +61,9 @@ class Reader:
 
     Args:
         each: points whose features are summed.
-        device: of all tensors.
     """
 
-    def __init__(self, each: int, device: torch.device) -> None:
+    def __init__(self, each: int) -> None:
         self.group = GROUP if each == 1 else each
         index: list[Tensor] = []
         row: list[Tensor] = []
@@ -76,25 +77,31 @@ class Reader:
                         block = torch.zeros(self.group, 4, made.shape[1])
                         block[point] = made
                         matrix.append(block.flatten(0, 1))
-        self._index, self._row, self._column = (torch.cat(m, 1).to(device) for m in (index, row, column))
-        self._starts = torch.tensor([0, *lengths], device=device).cumsum(0)
-        self._offsets = torch.empty(0, dtype=torch.int32, device=device)
+        self._index, self._row, self._column = (torch.cat(m, 1) for m in (index, row, column))
+        self._starts = torch.tensor([0, *lengths]).cumsum(0)
+        self._offsets = torch.empty(0, dtype=torch.int32)
 
-    def read(self, field: Field, pixels: Tensor, weights: Tensor | None, buffers: Buffers) -> Tensor:
-        """Weighted sums of features at pixels (M, 4), M a multiple of `group`, weights (M,). (M / each, 2 C)."""
-        high = torch.clamp(pixels, 0.0, GRID_SIZE - 1.0, out=buffers.take("read.high", *pixels.shape))
-        low = torch.floor(high, out=buffers.take("read.low", *pixels.shape)).clamp_(max=GRID_SIZE - 2.0)
-        high.sub_(low)
-        row = high
-        if weights is not None:
-            row = torch.mul(high, weights.view(-1, 1), out=buffers.take("read.row", *pixels.shape))
-        groups = len(pixels) // self.group
-        low, high, row = (x.view(groups, 4 * self.group) for x in (low, high, row))
-        shape = (groups, self._index.shape[1])
-        index = torch.mm(low, self._index, out=buffers.take("read.index", *shape)).to(torch.int32)
-        factor = torch.mm(row, self._row, out=buffers.take("read.factor", *shape))
-        factor.mul_(torch.mm(high, self._column, out=buffers.take("read.column", *shape)))
-        offsets = self._bags(groups)
+    def ask(self, g: Graph, pixels: str, weights: str | None) -> dict[str, tuple[str, Shape]]:
+        """Graph results for `read`: at pixels (..., 4), as many as make whole groups, with weights (..., 1)."""
+        high = g.add(
+            "Clip",
+            pixels,
+            g.constant(np.full((), 0.0, np.float32)),
+            g.constant(np.full((), GRID_SIZE - 1.0, np.float32)),
+        )
+        low = g.add("Min", g.add("Floor", high), g.constant(np.full((), GRID_SIZE - 2.0, np.float32)))
+        high = g.add("Sub", high, low)
+        row = high if weights is None else g.add("Mul", high, weights)
+        shape = g.constant([-1, 4 * self.group])
+        low, high, row = (g.add("Reshape", x, shape) for x in (low, high, row))
+        index = g.add("Cast", g.add("MatMul", low, g.constant(self._index)), to=TensorProto.INT32)
+        shares = [g.add("MatMul", x, g.constant(m)) for x, m in ((row, self._row), (high, self._column))]
+        columns = self._index.shape[1]
+        return {"index": (index, ["g", columns]), "factor": (g.add("Mul", *shares), ["g", columns])}
+
+    def read(self, field: Field, index: Tensor, factor: Tensor) -> Tensor:
+        """Weighted sums of features, from what `ask` gave out. (sums, 2 C)."""
+        offsets = self._bags(len(index))
         sums = F.embedding_bag(index.view(-1), field.table, offsets, per_sample_weights=factor.view(-1), mode="sum")
         return sums.view(-1, 2 * field.channels)
 
@@ -102,8 +109,9 @@ class Reader:
         """Where each sum begins, for that many groups. Two for each sum."""
         count = groups * (len(self._starts) - 1)
         if len(self._offsets) < count:
-            size = torch.arange(groups, device=self._starts.device)[:, None] * self._starts[-1]
-            self._offsets = (size + self._starts[:-1]).flatten().to(torch.int32)
+            self._offsets = (
+                (torch.arange(groups)[:, None] * self._starts[-1] + self._starts[:-1]).flatten().to(torch.int32)
+            )
         return self._offsets[:count]
 
 

@@ -1,20 +1,21 @@
-"""The encoder as an ONNX graph with expanded filters, made in memory from any weights (no tracing, no file)."""
+"""ONNX graphs made in memory: a little writer, and the session that runs one on the calling thread."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import onnx
+import torch
 from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
-from torch import Tensor, nn
+from torch import Tensor
 
-from evg_app.geometry import GRID_SIZE
-from evg_app.nets.c4 import RegularConv2d
-from evg_app.nets.fibres import ORDER
-from evg_app.nets.triplane import JointTriUNet, PlainBlock, SideToPlane, SteerableBlock
+from evg_app.grasping.fast.affine import Affine
 
 OPSET = 17
 """Of ONNX: old enough for every runtime of the last years."""
+Shape = Sequence[int | str]
+"""Lengths of axes; a name for any length."""
 
 
 class Graph:
@@ -24,10 +25,12 @@ class Graph:
         self.nodes: list[onnx.NodeProto] = []
         self.constants: list[onnx.TensorProto] = []
 
-    def constant(self, values: NDArray[Any] | list[int]) -> str:
-        """A constant array (lists are int64)."""
+    def constant(self, values: NDArray[Any] | Tensor | list[int]) -> str:
+        """A constant array (lists are int64, tensors float32)."""
         name = f"c{len(self.constants)}"
-        array = np.asarray(values, dtype=np.int64) if isinstance(values, list) else np.array(values, order="C")
+        if isinstance(values, Tensor):
+            values = values.detach().float().numpy()
+        array = np.array(values, dtype=np.int64 if isinstance(values, list) else None, order="C")
         self.constants.append(numpy_helper.from_array(array, name))
         return name
 
@@ -37,147 +40,62 @@ class Graph:
         self.nodes.append(helper.make_node(operation, list(inputs), [name], **attributes))
         return name
 
+    def affine(self, x: str, layer: Affine, relu: bool = False) -> str:
+        """The map of rows x, and maybe a ReLU."""
+        out = self.add("Gemm", x, self.constant(layer.weight), self.constant(layer.bias))
+        return self.add("Relu", out) if relu else out
+
     def conv(self, x: str, weight: Tensor, bias: Tensor | None, relu: bool = False) -> str:
         """A convolution that keeps the size, and maybe a ReLU."""
-        arrays = [self.constant(weight.numpy())] + ([] if bias is None else [self.constant(bias.numpy())])
+        arrays = [self.constant(weight)] + ([] if bias is None else [self.constant(bias)])
         pad = weight.shape[-1] // 2
         out = self.add("Conv", x, *arrays, pads=[pad] * 4)
         return self.add("Relu", out) if relu else out
 
-    def model(self, inputs: dict[str, list[int]], outputs: dict[str, list[int]], results: list[str]) -> bytes:
-        """The finished model, serialised; `results` become `outputs` in order."""
-        for name, result in zip(outputs, results, strict=True):
+    def model(self, inputs: Mapping[str, Shape], results: Mapping[str, tuple[str, Shape]]) -> bytes:
+        """The finished model, serialised. `results` say which value is given out under a name, and its shape.
+
+        A value whose name begins with "index" is int32, all others are float32.
+        """
+        for name, (result, _) in results.items():
             self.nodes.append(helper.make_node("Identity", [result], [name]))
+        outputs = {name: shape for name, (_, shape) in results.items()}
         values = [
-            [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in side.items()]
+            [
+                helper.make_tensor_value_info(
+                    name, TensorProto.INT32 if name.startswith("index") else TensorProto.FLOAT, list(shape)
+                )
+                for name, shape in side.items()
+            ]
             for side in (inputs, outputs)
         ]
-        graph = helper.make_graph(self.nodes, "encoder", values[0], values[1], self.constants)
+        graph = helper.make_graph(self.nodes, "evg", values[0], values[1], self.constants)
         model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=8)
         data: bytes = model.SerializeToString()
         return data
 
 
-def encoder_graph(backbone: JointTriUNet) -> bytes:
-    """The backbone from lifted planes ("lifted", see `lift`) to `Features.planes` of one scene ("planes").
+class Native:
+    """A graph in onnxruntime, on the processor. One call runs all of it without Python's lock: threads do not wait.
 
-    Both have the shape (3, 40, 40, C).
+    Args:
+        model: serialised.
+        threads: that share each operation. They sleep while they wait: a busy core does not stall the others.
     """
-    shape = [3, GRID_SIZE, GRID_SIZE, ORDER * backbone.reg[0]]
-    writer = _Writer(backbone)
-    result = writer.planes("lifted")
-    return writer.graph.model({"lifted": shape}, {"planes": shape}, [result])
 
+    def __init__(self, model: bytes, threads: int = 1) -> None:
+        import onnxruntime
 
-class _Writer:
-    """Walks through the backbone as its `forward` does."""
+        options: Any = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+        options.add_session_config_entry("session.dynamic_block_base", "4")
+        self._session: Any = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+        self._inputs = [value.name for value in self._session.get_inputs()]
 
-    def __init__(self, backbone: JointTriUNet) -> None:
-        self.net, self.graph = backbone, Graph()
-        self.exact = backbone.side == "exact"
-        self.views = ORDER if self.exact else 2
-
-    def planes(self, lifted: str) -> str:
-        """The three output planes, channels last."""
-        g, net = self.graph, self.net
-        xy, views = self._views(lifted)
-        skips: list[tuple[str, str]] = []
-        for level in range(len(net.reg)):
-            if level:
-                xy = g.add("AveragePool", xy, kernel_shape=[2, 2], strides=[2, 2])
-                views = g.add("MaxPool", views, kernel_shape=[2, 2], strides=[2, 2])
-            xy, views = self._steer(xy, net.xy_down[level]), self._plain(views, net.side_down[level])
-            xy = self._join(xy, views, net.s2tp_down[level], GRID_SIZE >> level)
-            skips.append((xy, views))
-        skips.pop()
-        for i, join in enumerate(net.s2tp_up):
-            xy_skip, views_skip = skips.pop()
-            xy = g.add("Concat", self._up(xy, net.xy_up[i]), xy_skip, axis=1)
-            xy = self._steer(xy, net.xy_merge[i])
-            views = g.add("Concat", self._transposed(views, net.side_up[i]), views_skip, axis=1)
-            views = self._plain(views, net.side_merge[i])
-            xy = self._join(xy, views, join, GRID_SIZE >> len(skips))
-        out = net.side_out
-        assert isinstance(out, nn.Conv2d) and out.bias is not None
-        views = g.conv(views, out.weight.detach(), out.bias.detach())
-        joined = g.add("Concat", self._regular(xy, net.xy_out), *self._fold(views), axis=0)
-        return g.add("Transpose", joined, perm=[0, 2, 3, 1])
-
-    def _views(self, lifted: str) -> tuple[str, str]:
-        """Plane xy (1, C, X, Y) and the side views (V, C, horizontal, Z) of lifted planes (3, 40, 40, C)."""
-        g = self.graph
-        first = g.add("Transpose", lifted, perm=[0, 3, 1, 2])
-        xy = g.add("Slice", first, g.constant([0]), g.constant([1]), g.constant([0]))
-        if not self.exact:
-            return xy, g.add("Slice", first, g.constant([1]), g.constant([3]), g.constant([0]))
-        xz, yz = (g.add("Gather", first, g.constant(np.array(k)), axis=0) for k in (1, 2))
-        seen = [xz, yz, self._flip(xz, 1), self._flip(yz, 1)]
-        return xy, self._stack([self._roll(v, -k) for k, v in enumerate(seen)])
-
-    def _stack(self, views: list[str]) -> str:
-        g = self.graph
-        return g.add("Concat", *[g.add("Unsqueeze", v, g.constant([0])) for v in views], axis=0)
-
-    def _flip(self, x: str, axis: int) -> str:
-        g = self.graph
-        return g.add("Slice", x, g.constant([-1]), g.constant([-1000]), g.constant([axis]), g.constant([-1]))
-
-    def _roll(self, x: str, shift: int) -> str:
-        """Channels (C, ...) with the four orientations of every copy rolled."""
-        if shift % ORDER == 0:
-            return x
-        index = np.arange(ORDER * self.net.reg[0]).reshape(-1, ORDER)
-        return self.graph.add("Gather", x, self.graph.constant(np.roll(index, shift, 1).ravel()), axis=0)
-
-    def _regular(self, x: str, layer: nn.Module, relu: bool = False) -> str:
-        assert isinstance(layer, RegularConv2d)
-        return self.graph.conv(x, layer.filter.expand().detach(), layer.bias.expand().detach(), relu)
-
-    def _steer(self, x: str, block: nn.Module) -> str:
-        assert isinstance(block, SteerableBlock)
-        r = self._regular(x, block.first, relu=True)
-        out = self._regular(self._regular(r, block.second, relu=True), block.third)
-        return self.graph.add("Relu", self.graph.add("Add", out, r))
-
-    def _plain(self, x: str, block: nn.Module) -> str:
-        assert isinstance(block, PlainBlock)
-        for conv in (block.first, block.second):
-            assert isinstance(conv, nn.Conv2d) and conv.bias is not None
-            x = self.graph.conv(x, conv.weight.detach(), conv.bias.detach(), relu=True)
-        return x
-
-    def _up(self, x: str, layer: nn.Module) -> str:
-        g = self.graph
-        scales = g.constant(np.array([1, 1, 2, 2], dtype=np.float32))
-        big = g.add("Resize", x, "", scales, mode="linear", coordinate_transformation_mode="half_pixel")
-        return self._regular(big, layer)
-
-    def _transposed(self, x: str, layer: nn.Module) -> str:
-        assert isinstance(layer, nn.ConvTranspose2d) and layer.bias is not None
-        g = self.graph
-        weight, bias = g.constant(layer.weight.detach().numpy()), g.constant(layer.bias.detach().numpy())
-        return g.add("ConvTranspose", x, weight, bias, strides=[2, 2])
-
-    def _join(self, xy: str, views: str, join: nn.Module, size: int) -> str:
-        """S2TP at a level of `size` pixels a side."""
-        assert isinstance(join, SideToPlane)
-        g, matrix = self.graph, join.linear.matrix.expand().detach()
-        regular, invariant = matrix[:, : join.regular], matrix[:, join.regular :]
-        out = g.conv(xy, regular[..., None, None], join.bias.expand().detach())
-        means = g.add("AveragePool", views, kernel_shape=[1, size])  # (V, C, horizontal, 1)
-        ax, ay = self._fold(means)
-        weight = invariant[..., None, None]
-        along_x = g.conv(ax, weight, None)
-        along_y = g.add("Transpose", g.conv(ay, weight, None), perm=[0, 1, 3, 2])
-        return g.add("Add", g.add("Add", out, along_x), along_y)
-
-    def _fold(self, views: str) -> list[str]:
-        """`JointTriUNet._fold` of views (V, C, horizontal, ...): two parts (1, C, horizontal, ...)."""
-        g = self.graph
-        parts = [
-            g.add("Slice", views, g.constant([k]), g.constant([k + 1]), g.constant([0])) for k in range(self.views)
-        ]
-        if not self.exact:
-            return parts
-        half = g.constant(np.array(0.5, dtype=np.float32))
-        return [g.add("Mul", g.add("Add", parts[k], self._flip(parts[k + 2], 2)), half) for k in (0, 1)]
+    def __call__(self, *inputs: Tensor) -> list[Tensor]:
+        """The results, in order, for the inputs, in order."""
+        feeds = {name: x.numpy() for name, x in zip(self._inputs, inputs, strict=True)}
+        return [torch.from_numpy(result) for result in self._session.run(None, feeds)]

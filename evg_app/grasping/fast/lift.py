@@ -34,11 +34,16 @@ class SparseLift:
 
     def __call__(self, values: NDArray[np.float32]) -> Tensor:
         """Grid (40, 40, 40) to planes xy, xz and yz (3, 40, 40, C), axes in this order of coordinates."""
-        padded = torch.zeros((_SIDE,) * 3)
-        padded[1:-1, 1:-1, 1:-1] = torch.from_numpy(values)
+        padded = np.zeros((_SIDE,) * 3, dtype=np.float32)
+        padded[1:-1, 1:-1, 1:-1] = values
         near = np.flatnonzero(columns.with_neighbours(values != 0.0))
         corner = self._corner[torch.from_numpy(near)]  # of each voxel's window in the padded grid
-        patches = padded.view(-1).index_select(0, (corner[:, None] + self._window).view(-1)).view(len(near), -1)
+        patches = (
+            torch.from_numpy(padded)
+            .view(-1)
+            .index_select(0, (corner[:, None] + self._window).view(-1))
+            .view(len(near), -1)
+        )
         lifted = torch.addmm(self._bias, patches, self._weight).relu_().sub_(self._empty)
         planes = [self._sums(lifted, cells[near]) for cells in self._cells]
         return torch.stack(planes).mul_(1.0 / GRID_SIZE).add_(self._empty).view(3, GRID_SIZE, GRID_SIZE, -1)

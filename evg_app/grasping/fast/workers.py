@@ -1,15 +1,12 @@
 """A few threads that share a list of pieces of work: no barrier in every operation, and nobody spins while waiting."""
 
 import itertools
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
-
-from evg_app.grasping.fast.layers import Buffers
 
 Piece = TypeVar("Piece")
 Answer = TypeVar("Answer")
@@ -23,23 +20,21 @@ class Workers:
 
     Args:
         threads: how many, the caller's included.
-        device: of the buffers.
     """
 
-    def __init__(self, threads: int, device: torch.device) -> None:
-        self.threads, self._device = threads, device
-        self._own = threading.local()
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
         self._pool: ThreadPoolExecutor | None = None
 
-    def map(self, function: Callable[[Piece, Buffers], Answer], pieces: Sequence[Piece]) -> list[Answer]:
-        """The function's answers in the order of the pieces; each call gets its thread's buffers."""
+    def map(self, function: Callable[[Piece], Answer], pieces: Sequence[Piece]) -> list[Answer]:
+        """The function's answers in the order of the pieces."""
         answers: dict[int, Answer] = {}
         numbers = itertools.count()  # next() of it is atomic
 
         def drain() -> None:
             with torch.inference_mode(), one_torch_thread():
                 while (number := next(numbers)) < len(pieces):
-                    answers[number] = function(pieces[number], self._buffers())
+                    answers[number] = function(pieces[number])
 
         helpers = min(self.threads, len(pieces)) - 1
         if helpers > 0 and self._pool is None:
@@ -49,13 +44,6 @@ class Workers:
         for future in futures:
             future.result()
         return [answers[number] for number in range(len(pieces))]
-
-    def _buffers(self) -> Buffers:
-        """Of the calling thread."""
-        if not hasattr(self._own, "buffers"):
-            self._own.buffers = Buffers(self._device)
-        buffers: Buffers = self._own.buffers
-        return buffers
 
 
 @contextmanager
