@@ -18,7 +18,7 @@ from evg_app.picking.run import RunResult
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 SPEED = "3"
-"""The peer's physics runs this much faster than real time where the computer can."""
+"""The peer's physics runs this much faster than real time where the computer can; holding an object is costly."""
 ONE_PASS = SETTINGS.__class__(motion_slack=SETTINGS.motion_slack, max_attempts=1, close_after_contact=False)
 
 
@@ -27,7 +27,7 @@ def table() -> Iterator[PeerProcess]:
     isolate()
     kept = os.environ["ROS_DOMAIN_ID"]
     os.environ["ROS_DOMAIN_ID"] = str((int(kept) + 2) % 100)
-    peer = PeerProcess("--speed", SPEED)
+    peer = PeerProcess("--speed", SPEED, "--objects", "1")
     yield peer
     peer.close()
     os.environ["ROS_DOMAIN_ID"] = kept
@@ -94,7 +94,7 @@ def test_motion_that_the_controller_aborts_is_a_logged_failure(table: PeerProces
 
 def test_robot_that_dies_in_mid_motion_ends_the_run_with_a_complete_row_and_the_next_command(tmp_path: Path):
     isolate()
-    peer = PeerProcess("--speed", SPEED)
+    peer = PeerProcess("--speed", SPEED, "--objects", "1")
     try:
         result = once(peer, tmp_path / "run", "reach", peer.kill)
     except (RuntimeError, EOFError, OSError):  # the truth beside ROS died with it

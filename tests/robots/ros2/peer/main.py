@@ -39,7 +39,8 @@ FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
 class Peer:
     def __init__(self, options):
-        self.world = SimWorld(load_robot("panda"), load_world(options.scene), builtin_objects("test"))
+        scene = load_world(options.scene).model_copy(update={"count": options.objects})
+        self.world = SimWorld(load_robot("panda"), scene, builtin_objects("test"))
         self.camera = SimulatedCamera(self.world, load_camera("d435i"))
         self.rounds = SimRounds(self.world)
         self.names = self.world.robot_config.joints
@@ -381,6 +382,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--socket", required=True)
     parser.add_argument("--scene", default="packed")
+    parser.add_argument("--objects", type=int, default=5)
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--rate", type=float, default=50.0)
     parser.add_argument("--no-arm", action="store_true")

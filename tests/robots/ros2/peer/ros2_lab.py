@@ -98,7 +98,8 @@ def patient(robot: RobotConfig) -> RobotConfig:
     """With waits for a peer that shares its computer with everybody else."""
     assert robot.ros2 is not None
     waits = {"state_timeout_s": 3.0, "feedback_timeout_s": 4.0, "accept_timeout_s": 5.0, "settle_s": 5.0}
-    return robot.model_copy(update={"ros2": robot.ros2.model_copy(update=waits)})
+    gripper = robot.gripper.model_copy(update={"timeout_s": 60.0})
+    return robot.model_copy(update={"ros2": robot.ros2.model_copy(update=waits), "gripper": gripper})
 
 
 class Truth:
@@ -172,12 +173,13 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--speed", type=float, default=1.0)
+    parser.add_argument("--objects", type=int, default=5)
     parser.add_argument("--run-dir", type=Path, required=True)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--no-referee", action="store_true", help="the loop judges for itself; the truth is kept apart")
     args = parser.parse_args()
     isolate()
-    peer = PeerProcess("--scene", args.scene, "--speed", str(args.speed))
+    peer = PeerProcess("--scene", args.scene, "--speed", str(args.speed), "--objects", str(args.objects))
     try:
         planner = load_planner(args.model, None, "cpu")
         truth = Truth(peer)
