@@ -84,10 +84,6 @@ def test_json_target_without_a_folder(capsys, tmp_path: Path):
     assert "cannot be written" in refused(capsys, [*SIM, "--json", str(tmp_path / "no" / "out.json")])
 
 
-def test_hardware_without_drivers_is_exit_4(capsys):
-    assert "evg-app run --sim" in refused(capsys, ["run", "--robot", "panda", "--camera", "d435i"], code=4)
-
-
 @pytest.mark.parametrize("words", [["--rounds", "0"], ["--rounds", "x"], ["--speed", "0"], ["--nonsense"]])
 def test_malformed_options_are_exit_2(capsys, words):
     with pytest.raises(SystemExit) as caught:

@@ -25,8 +25,8 @@ from evg_app.robots.fci.arm import FciArm
 from evg_app.types import ArmMode
 
 T_BASE_CAM = look_at((0.5, -0.55, 0.4), (0.5, 0.0, 0.05))
-STOPPED_S = 5.0
-"""From a stop file to the end of the program, on a busy machine."""
+STOPPED_S = 30.0
+"""From a stop file to the end of the program with its report, on a busy machine; the arm itself stops in below 0.5 s."""
 
 
 @pytest.fixture
@@ -113,12 +113,15 @@ def start(folder: Path, host: str, *words: str) -> "subprocess.Popen[str]":
     )
 
 
-def wait_for(path: Path, text: bytes, seconds: float = 60.0) -> None:
-    """Wait until the log holds a word."""
-    end = time.monotonic() + seconds
-    while not any(text in found.read_bytes() for found in path.glob("trials.sqlite*")):
-        assert time.monotonic() < end, f"{text!r} never came"
-        time.sleep(0.02)
+def wait_for(program: "subprocess.Popen[str]", word: str) -> str:
+    """Read what a program says up to a line with this word."""
+    assert program.stdout is not None
+    said = ""
+    for line in program.stdout:
+        said += line
+        if word in line:
+            return said
+    raise AssertionError(f"'{word}' never came: {said}")
 
 
 def at_rest(peer: Peer) -> bool:
@@ -145,8 +148,8 @@ def test_a_dry_run_a_stop_and_a_no_on_a_strict_peer(tmp_path: Path):
 
         (tmp_path / "run").rename(tmp_path / "dry")
         with start(tmp_path, peer.host) as stopped:
-            wait_for(tmp_path / "run", b"MotionStarted")
-            time.sleep(1.0)
+            wait_for(stopped, "round 0")
+            time.sleep(2.0)
             (tmp_path / "run" / "STOP").touch()
             asked = time.monotonic()
             said, _ = stopped.communicate(timeout=60)
