@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -124,6 +125,15 @@ def cover(points: Array, slack: float = SLACK) -> tuple[Array, Array]:
     return centers[chosen], radii[chosen]
 
 
+@lru_cache(maxsize=64)
+def _cover_of(points: bytes, slack: float) -> tuple[Array, Array]:
+    """`cover`, once for every link of a process."""
+    center, radius = cover(np.frombuffer(points, dtype=np.float64).reshape(-1, 3), slack)
+    center.setflags(write=False)
+    radius.setflags(write=False)
+    return center, radius
+
+
 def _candidates(points: Array, slack: float) -> tuple[Array, Array]:
     """Interior grid points of the convex hull, and the radius each may have."""
     equations = ConvexHull(points).equations
@@ -147,7 +157,8 @@ def arm_spheres(meshes: Any, gripper_links: tuple[str, ...], attached: Sequence[
     covers: list[tuple[int, str, Array, Array]] = []
     corners: list[tuple[int, Array]] = []
     for (frame, name), points in _points_by_link(meshes).items():
-        covers.append((frame, name, *cover(points, GRIPPER_SLACK if name in gripper_links else SLACK)))
+        slack = GRIPPER_SLACK if name in gripper_links else SLACK
+        covers.append((frame, name, *_cover_of(np.ascontiguousarray(points).tobytes(), slack)))
         corners.append((frame, points))
     for name, frame, p0, p1, radius in attached:
         if frame > 0:
