@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from evg_app.benchmark.motion.targets import Targets
 from evg_app.geometry import Array
 from evg_app.motion.feasibility import MotionPlanner
-from evg_app.motion.legs import find_legs
 from evg_app.motion.scene import SceneView
 from evg_app.types import Verdict
 
@@ -36,8 +35,8 @@ def timed_stages(
         start = time.perf_counter()
         scene = planner.prepared(view, q)
         prepared = time.perf_counter()
-        legs = find_legs(planner.robot, planner.checker, scene, T_base_task @ targets.T_task_grasp[index], q)
-        free = not isinstance(legs, Verdict) and any(planner.leg_is_free(leg, scene) for leg in legs)
+        legs = planner.free_legs(scene, T_base_task @ targets.T_task_grasp[index], q)
+        free = not isinstance(legs, Verdict) and next(legs, None) is not None
         checked = time.perf_counter()
         scene_ms.append(_ms(start, prepared))
         if not (isinstance(legs, Verdict) and legs in BEFORE_SCENE):
