@@ -17,8 +17,8 @@ from evg_app.types import Frame, Intrinsics
 
 ATTEMPTS = "attempts"
 """Folder of a run that holds one .npz per attempt."""
-END_OF_FILE = 1.0
-"""A recording that is read as fast as it goes has ended when nothing came for this long [s]."""
+READING = 30.0
+"""How long the next frame of a recording may take to be read [s]."""
 
 Frames = Callable[[], Iterator[Frame]]
 """Starts reading the stored frames from the beginning; their stamps and numbers do not matter."""
@@ -137,7 +137,7 @@ def _attempt_frame(path: Path) -> Frame | None:
 
 def recorded_frames(path: Path, config: CameraConfig, clock: Clock, sdk: Any = None) -> Frames:
     """Every frame of a .db3 recording, as fast as it is asked for, through librealsense's own pipeline."""
-    asked = config.realsense.model_copy(update={"average_frames": 1, "stall_s": END_OF_FILE, "attempts": 1})
+    asked = config.realsense.model_copy(update={"average_frames": 1, "stall_s": READING})
     config = config.model_copy(update={"realsense": asked})
 
     def read() -> Iterator[Frame]:
@@ -145,8 +145,10 @@ def recorded_frames(path: Path, config: CameraConfig, clock: Clock, sdk: Any = N
         with RealSenseCamera(config, clock, recording=source, sdk=sdk) as camera:
             while True:
                 try:
-                    yield camera.capture(after=float("-inf"), timeout=3 * END_OF_FILE)
+                    yield camera.capture(after=float("-inf"), timeout=READING)
+                except DeviceTimeout:
+                    raise
                 except HardwareError:
-                    return
+                    return  # the recording has ended
 
     return read

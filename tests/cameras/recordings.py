@@ -5,7 +5,7 @@ The times at which a recording gives its frames are set in the file afterwards: 
 
 import sqlite3
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -110,23 +110,28 @@ def write_recording(
         sensor.stop()
         sensor.close()
     del recorder
-    retime(path, list(play_at_s or [0.02 + n / FPS for n in range(len(depth))]))
+    play = list(play_at_s or [0.02 + n / FPS for n in range(len(depth))])
+    streams = {"Depth": depth, "Color": images}
+    retime(
+        path,
+        {
+            name: [at for at, one in zip(play, every, strict=False) if one is not None]
+            for name, every in streams.items()
+        },
+    )
     return path
 
 
-def retime(path: Path, play_at_s: Sequence[float]) -> None:
-    """Set when the i-th image of the stream with the most images, and what belongs to it, is played [s]."""
+def retime(path: Path, play_at_s: Mapping[str, Sequence[float]]) -> None:
+    """Set when the images of each stream, in order, are given by the playback [s]."""
     with sqlite3.connect(path) as db:
-        topics = {i: name for i, name in db.execute("SELECT id, name FROM topics") if "/image/" in name}
-        times = [
-            [t for (t,) in db.execute("SELECT timestamp FROM messages WHERE topic_id=? ORDER BY timestamp", [i])]
-            for i, name in topics.items()
-            if "/data" in name
-        ]
-        written = np.array(max(times, key=len))
-        assert len(written) == len(play_at_s), f"{len(written)} of {len(play_at_s)} frames were recorded"
-        middle = (written[1:] + written[:-1]) / 2
-        for topic in topics:
-            for row, at in db.execute("SELECT rowid, timestamp FROM messages WHERE topic_id=?", [topic]).fetchall():
-                to = play_at_s[int(np.searchsorted(middle, at))]
-                db.execute("UPDATE messages SET timestamp=? WHERE rowid=?", [int(to * 1e9), row])
+        for topic, name in db.execute("SELECT id, name FROM topics").fetchall():
+            if "/image/" not in name:
+                continue
+            times = play_at_s["Depth" if "Depth" in name else "Color"]
+            rows = db.execute(
+                "SELECT rowid FROM messages WHERE topic_id=? ORDER BY timestamp, rowid", [topic]
+            ).fetchall()
+            assert len(rows) == len(times), f"{len(rows)} of {len(times)} images were recorded in {name}"
+            for (row,), at in zip(rows, times, strict=True):
+                db.execute("UPDATE messages SET timestamp=? WHERE rowid=?", [int(at * 1e9), row])

@@ -4,6 +4,7 @@ Only what needs USB is replaced (the device list, the choice of a device, the ha
 options and recording are librealsense's.
 """
 
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -66,6 +67,8 @@ class Bus:
         files: played one after the other, the last one for ever; an exception is raised instead.
         started: serial number, streams and file of each start.
         resets: serial numbers that were reset.
+        refuse: what librealsense says when it refuses the streams.
+        hang_s: how long a pipeline hangs when it is stopped [s].
     """
 
     files: list[Path | Exception]
@@ -75,6 +78,7 @@ class Bus:
     resets: list[str] = field(default_factory=list)
     sensor: tuple = field(default_factory=depth_sensor)
     refuse: str = ""
+    hang_s: float = 0.0
 
     def plug(self, *serials: str, usb: str = "3.2") -> "Bus":
         self.cameras += [Plugged(self, serial, usb) for serial in serials]
@@ -149,6 +153,10 @@ class Pipeline:
 
     def __getattr__(self, name):
         return getattr(self._real, name)
+
+    def stop(self):
+        time.sleep(self._bus.hang_s)
+        self._real.stop()
 
     def start(self, setup):
         file = self._bus.files.pop(0) if len(self._bus.files) > 1 else self._bus.files[0]

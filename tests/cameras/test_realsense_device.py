@@ -40,8 +40,7 @@ def good(tmp_path_factory):
 @pytest.fixture(scope="module")
 def silent(tmp_path_factory):
     """A stream that starts and gives no depth."""
-    path = tmp_path_factory.mktemp("device") / "silent.db3"
-    return write_recording(path, [None, None, FLAT], play_at_s=[0.02, 0.05, 4.0])
+    return write_recording(tmp_path_factory.mktemp("device") / "silent.db3", [None] * 60 + [FLAT])
 
 
 @pytest.fixture(scope="module")
@@ -192,6 +191,18 @@ def test_stream_that_dies_while_the_camera_stays_is_started_again(short, good):
         assert frame.stamp >= start
         assert CLOCK.now() - start < STALL_S + 0.3 + SLACK_S
     assert [cause for cause, _ in heard] == ["camera stall"]
+
+
+def test_pipeline_that_hangs_in_its_stop_is_left_behind_and_the_next_is_started(short, good):
+    bus = Bus([short, good], hang_s=1.0).plug("77")
+    camera = opened(bus)
+    with camera:
+        time.sleep(12 / FPS)
+        start = CLOCK.now()
+        camera.capture(after=start, timeout=5.0)
+        assert CLOCK.now() - start < STALL_S + 0.3 + SLACK_S
+        start = CLOCK.now()
+    assert CLOCK.now() - start < 0.3 + SLACK_S
 
 
 def test_failed_entry_leaves_nothing_running(good, monkeypatch):

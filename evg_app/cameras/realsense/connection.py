@@ -108,17 +108,15 @@ class Connection:
             HardwareError: the camera left USB, the recording has ended, or the stream cannot be started.
         """
         self.open()
-        held, self._held = self._held, None
-        if held is not None and held.stamp >= after:
-            return held
         stall, silent_since = self._config.realsense.stall_s, self._clock.now()
         while (left := deadline - self._clock.now()) > 0:
-            shot = self.link.next(min(left, stall))
+            held, self._held = self._held, None
+            shot = held or self.link.next(min(left, stall))
             if shot is not None:
                 silent_since = self._clock.now()
                 if shot.stamp >= after:
                     return shot
-            elif self._clock.now() - silent_since >= stall:
+            elif self.link.ended or self._clock.now() - silent_since >= stall:
                 self._restart(stall)
                 silent_since = self._clock.now()
         raise DeviceTimeout(f"a fresh frame of {self._label()}", timeout, self._advice())

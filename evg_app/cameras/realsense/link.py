@@ -22,6 +22,8 @@ from evg_app.errors import BadInput
 
 SLICE_MS = 100
 """Longest wait inside librealsense [ms]; Ctrl-C is heard between two."""
+AFTER_END = 3
+"""Waits in vain after which nothing is on its way any more from a recording that has ended."""
 STOP_TIMEOUT = 2.0
 """A dead pipeline may hang when it is stopped; it is left behind after this long [s]."""
 EXIT_TIMEOUT = 10.0
@@ -123,14 +125,16 @@ class Link:
 
     def _pull(self, seconds: float) -> Any:
         """A frameset with a depth frame other than the last one given, or None."""
-        deadline = self._clock.now() + seconds
-        while True:
+        deadline, empty = self._clock.now() + seconds, 0
+        while empty < AFTER_END:
             left = deadline - self._clock.now()
             if left <= 0:
                 return None
             arrived, frameset = self._pipeline.try_wait_for_frames(max(1, min(SLICE_MS, int(left * 1e3))))
             if arrived and frameset.get_depth_frame() and _key(frameset) != self._delivered:
                 return frameset
+            empty = empty + 1 if not arrived and self.ended else 0
+        return None
 
     def _in_step(self, frameset: Any) -> bool:
         color = frameset.get_color_frame()
@@ -167,11 +171,16 @@ class Link:
         """Colour of the same exposure as it was taken; None when there is none. Shape (H, W, 3)."""
         return np.array(shot.frameset.get_color_frame().get_data(), dtype=np.uint8) if shot.in_step else None
 
+    @property
+    def ended(self) -> bool:
+        """Whether this is a recording that was read to its end; frames may still be on their way."""
+        stopped = self._rs.playback_status.stopped
+        return self._playback is not None and bool(self._playback.current_status() == stopped)
+
     def lost(self) -> str:
         """Why no frame can come any more, "" when one can."""
         if self._playback is not None:
-            ended = self._playback.current_status() == self._rs.playback_status.stopped
-            return f"{self._name()} has ended" if ended else ""
+            return f"{self._name()} has ended" if self.ended else ""
         if is_present(self._rs, self.info.serial):
             return ""
         return f"{self._name()} has left USB: unplugged, or its cable, hub or power failed"

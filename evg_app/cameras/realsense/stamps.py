@@ -8,7 +8,7 @@ from typing import Any
 WINDOW = 90
 """Frames over which the quickest one tells the offset between two clocks."""
 LATENCY = 0.1
-"""Assumed least delay between exposure and arrival when the camera's own clock is all there is [s]."""
+"""The quickest of `WINDOW` frames is taken to arrive at most this long after its exposure began [s]."""
 
 
 class Timebase(Enum):

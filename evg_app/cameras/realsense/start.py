@@ -33,14 +33,14 @@ def start_recording(rs: Any, pipeline: Any, recording: Recording) -> Any:
     setup = rs.config()
     try:
         setup.enable_device_from_file(str(recording.path), recording.repeat)
-        profile = pipeline.start(setup)
+        resolved = setup.resolve(rs.pipeline_wrapper(pipeline))
+        resolved.get_device().as_playback().set_real_time(recording.real_time)  # before the first frame is read
+        return pipeline.start(setup)
     except RuntimeError as error:
         raise BadInput(
             f"recording {recording.path} cannot be played: {last_words(error)}. "
             "Name a .db3 file made by: evg-app camera record"
         ) from error
-    profile.get_device().as_playback().set_real_time(recording.real_time)
-    return profile
 
 
 def start_device(
