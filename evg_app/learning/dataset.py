@@ -33,6 +33,7 @@ class SceneStore:
     train: SceneTable | None = None
     validation: SceneTable | None = None
     corrupt: list[str] = field(default_factory=list)
+    _read: set[str] = field(default_factory=set)
     _seen: dict[str, float] = field(default_factory=dict)
     _names: dict[bool, set[str]] = field(default_factory=lambda: {True: set(), False: set()})
     _agreement: dict[str, list[int]] = field(default_factory=dict)
@@ -49,7 +50,7 @@ class SceneStore:
                 raise BadInput(f"data folder {folder} does not exist; run evg-app generate --out {folder} first")
             for path in sorted(folder.glob("shard_*.npz")):
                 stamp = path.stat().st_mtime
-                if self._seen.get(str(path)) != stamp:
+                if str(path) not in self._read and self._seen.get(str(path)) != stamp:
                     self._seen[str(path)] = stamp
                     self._take(path, taken)
         self.train = _joined(self.train, taken[False])
@@ -64,6 +65,7 @@ class SceneStore:
             self.corrupt.append(path.name)
             log.warning("skipped (%d so far): %s", len(self.corrupt), error)
             return
+        self._read.add(str(path))
         usable = [s for s in scenes if _is_usable(s)]
         if usable:
             taken[bool(meta["validation"])].append(table_of(usable, self.device))

@@ -38,7 +38,7 @@ def export_weights(checkpoint: Path, out: Path, extra: dict[str, Any] | None = N
     if out.suffix != ".safetensors":
         raise BadInput(f"weights go to a .safetensors file, not {out}; give --out NAME.safetensors")
     try:
-        state = torch.load(checkpoint, weights_only=True)
+        state = torch.load(checkpoint, weights_only=True, map_location="cpu")
     except (OSError, RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
         raise BadInput(
             f"{checkpoint} is not a readable checkpoint ({str(error).splitlines()[0][:80]}); run evg-app train first"

@@ -19,6 +19,7 @@ from evg_app.errors import BadInput
 from evg_app.grasping.planner import torch_device
 from evg_app.grasping.weights import load_weights
 from evg_app.learning.batches import BatchSizes, draw_batch
+from evg_app.learning.curves import draw_curves
 from evg_app.learning.dataset import SceneStore
 from evg_app.learning.ema import WeightAverage
 from evg_app.learning.losses import Network, losses_of
@@ -156,7 +157,9 @@ class Trainer:
             **{f"loss_{k}": float(v) for k, v in self._recent.items()},
             **self.metrics,
         }
-        _append_row(self.folder / "metrics.csv", row)
+        table = self.folder / "metrics.csv"
+        _append_row(table, row)
+        draw_curves(table)
         log.info("%s", "  ".join(f"{k} {v:.4g}" for k, v in row.items()))
         return self.metrics
 
@@ -259,10 +262,11 @@ def train(config: TrainConfig, data: Sequence[Path], folder: Path, stop: Callabl
 
 
 def _append_row(path: Path, row: dict[str, float]) -> None:
-    """Append a row to a CSV, with a header if it is new."""
+    """Append a row to a CSV, with a header if it is new; a row with other columns than the header's keeps those."""
     new = not path.exists()
+    columns = list(row) if new else path.read_text(encoding="utf-8").splitlines()[0].split(",")
     with path.open("a", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(row))
+        writer = csv.DictWriter(file, fieldnames=columns, restval="nan", extrasaction="ignore")
         if new:
             writer.writeheader()
         writer.writerow({k: round(v, 6) for k, v in row.items()})

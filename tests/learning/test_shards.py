@@ -1,5 +1,6 @@
 """Shards: written whole, read back, and never silently wrong."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,16 @@ def test_store_takes_in_shards_as_they_appear(tmp_path: Path) -> None:
     assert store.validation is not None and store.validation.scenes == 1
     write_shard(tmp_path / "shard_00001.npz", [scene(1)], {"validation": False})
     assert store.refresh() == 1 and store.refresh() == 0
+    assert store.train is not None and store.train.scenes == 1
+
+
+def test_shard_that_is_written_again_is_not_taken_in_twice(tmp_path: Path) -> None:
+    store, path = SceneStore([tmp_path]), tmp_path / "shard_00001.npz"
+    write_shard(path, [scene(1)], {"validation": False})
+    store.refresh()
+    write_shard(path, [scene(1)], {"validation": False})
+    os.utime(path, (1, 1))
+    assert store.refresh() == 0
     assert store.train is not None and store.train.scenes == 1
 
 

@@ -105,6 +105,11 @@ def test_train_export_and_load_give_the_averaged_network(data: Path, tmp_path: P
     assert all(torch.equal(v, average[k]) for k, v in model.state_dict().items())
 
 
+def test_training_draws_its_course(data: Path, tmp_path: Path) -> None:
+    train(CONFIG, [data], tmp_path / "out")
+    assert (tmp_path / "out" / "metrics.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_other_seed_does_not_continue_a_checkpoint(data: Path, tmp_path: Path) -> None:
     one = trainer(data, tmp_path / "out")
     one.save()
