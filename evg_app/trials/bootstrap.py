@@ -10,7 +10,7 @@ from evg_app.trials.statistics import wilson
 
 DRAWS = 10_000
 """Bootstrap samples, fewer with many rounds."""
-NUMBERS = 4_000_000
+NUMBERS = 2_000_000
 """At most this many rounds are drawn in all."""
 SEED = 20260101
 """Of the draws: the same log gives the same interval."""

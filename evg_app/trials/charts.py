@@ -104,7 +104,7 @@ def rounds(rows: Sequence[tuple[str, Sequence[bool]]], title: str) -> str:
 
 def bars(rows: Sequence[tuple[str, float, str]], title: str, colour: str = GOOD) -> str:
     """Horizontal bars: (label, value, what is written behind it)."""
-    left, right, step = 230.0, WIDTH - 110.0, 20.0
+    left, right, step = 230.0, WIDTH - 160.0, 20.0
     most = max((value for _, value, _ in rows), default=0.0) or 1.0
     parts = []
     for i, (label, value, written) in enumerate(rows):

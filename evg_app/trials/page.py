@@ -111,7 +111,7 @@ def _result(facts: Mapping[str, Any], rows: LogRows) -> str:
 
 def _rounds(rows: LogRows) -> str:
     names = []
-    for (_, seed, index), passes in list(rows.by_round().items())[:MOST_ROUNDS]:
+    for (_, seed, index), passes in list(rows.by_round.items())[:MOST_ROUNDS]:
         names.append((f"seed {seed}, round {index}", [rows.success(p) for p in passes if p["counts"]]))
     more = len(rows.rounds) - len(names)
     note = f"<p class=note>the first {len(names)} rounds; {more} more are in the numbers above</p>" if more else ""

@@ -2,7 +2,7 @@
 
 import json
 import sqlite3
-from collections import Counter, defaultdict
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,6 @@ def summary(folder: Path) -> dict[str, Any]:
 def summarise(rows: LogRows) -> dict[str, Any]:
     """The same, from rows already read."""
     executed = [row for row in rows.passes if row["counts"]]
-    verdicts: Counter[str] = Counter()
-    for row in rows.passes:
-        verdicts.update(rows.verdicts.get(row["attempt_id"], {}))
     return {
         **_rates(rows),
         **_times(rows),
@@ -41,10 +38,9 @@ def summarise(rows: LogRows) -> dict[str, Any]:
         "outcomes": tally(row["outcome"] for row in rows.passes),
         "failure_reasons": tally(row["failure"] for row in executed),
         "reason_tree": tree(
-            reason(row["outcome"], row["failure"] or "", rows.verdicts.get(row["attempt_id"], {}))
-            for row in rows.passes
+            reason(row["outcome"], row["failure"] or "", rows.refused.get(row["attempt_id"], {})) for row in rows.passes
         ),
-        "verdicts": dict(sorted(verdicts.items(), key=lambda item: (-item[1], item[0]))),
+        "verdicts": dict(rows.verdicts),
         "no_feasible": _no_feasible(rows),
         "confusion": confusion([(bool(row["verified"]), bool(row["truth"])) for row in _judged(rows)]),
         "round_rows": _rounds(rows),
@@ -54,7 +50,7 @@ def summarise(rows: LogRows) -> dict[str, Any]:
 
 
 def _rates(rows: LogRows) -> dict[str, Any]:
-    gsr, dr = rows.gsr_counts(), rows.dr_counts()
+    gsr, dr = rows.gsr_counts, rows.dr_counts
     k, n = gsr.k, gsr.n
     likely = (k + 2) / (n + 4)  # Agresti and Coull's centre: few trials without a failure do not promise a rate of 1
     needed = max(for_half_width(likely, PRECISION) - n, 0) if n else None
@@ -99,7 +95,7 @@ def _times(rows: LogRows) -> dict[str, Any]:
         if stage in computing and attempt_id in ready:
             ready[attempt_id] += wall_ms
     return {
-        "picks_per_hour": round(picks_per_hour(rows.gsr_counts().k, motion_s, compute_s), 2),
+        "picks_per_hour": round(picks_per_hour(rows.gsr_counts.k, motion_s, compute_s), 2),
         "motion_s": round(motion_s, 3),
         "compute_s": round(compute_s, 3),
         "stage_ms": {name: median_p95(values) for name, values in walls.items()},
@@ -133,7 +129,7 @@ def _judged(rows: LogRows) -> list[sqlite3.Row]:
 
 
 def _rounds(rows: LogRows) -> list[dict[str, Any]]:
-    passes = rows.by_round()
+    passes = rows.by_round
     return [
         {
             "seed": row["seed"],

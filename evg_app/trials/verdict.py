@@ -15,8 +15,8 @@ LEVEL = 0.05
 
 def compare(a: LogRows, b: LogRows) -> dict[str, Any]:
     """GSR and DR of two runs: rates, difference with interval, exact and sequential tests, trials still needed."""
-    counts = {"gsr": (a.gsr_counts(), b.gsr_counts())}
-    objects = a.dr_counts(), b.dr_counts()
+    counts = {"gsr": (a.gsr_counts, b.gsr_counts)}
+    objects = a.dr_counts, b.dr_counts
     if objects[0] is not None and objects[1] is not None:
         counts["dr"] = objects[0], objects[1]
     facts: dict[str, Any] = {name: _tests(*pair) for name, pair in counts.items()}

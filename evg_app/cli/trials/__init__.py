@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from evg_app.cli.trials import check, compare, label, replay, report, stats
+from evg_app.cli.trials import check, compare, export, label, prune, replay, report, stats
 from evg_app.cli.trials.common import write_json_file as write_json_file
 
-VERBS = (stats, compare, report, replay, label, check)
+VERBS = (stats, compare, report, replay, label, export, prune, check)
 
 
 def add_parser(subparsers: Any) -> None:
