@@ -33,6 +33,11 @@ class Operator:
         say(question)
         return self._line() or ""
 
+    def ready(self, question: str) -> bool:
+        """Ask for Enter; False at the end of input, or when the run is told to stop."""
+        say(question)
+        return self._line() is not None
+
     def number(self, question: str) -> int | None:
         """Ask for a whole number; None when there is no terminal or no number was given."""
         if not sys.stdin or not sys.stdin.isatty():

@@ -83,14 +83,7 @@ def build_real_lab(
         BadInput: stored frames that are none, or a robot without the driver's section.
     """
     arm, gripper, clock, watch, after = _robot(robot, wishes, kinematics, WallClock())
-    guard = GuardedArm(
-        arm,
-        lambda q: tool_of(robot, kinematics, q)[:, :3, 3],
-        robot.tool_box,
-        acknowledge=ask,
-        step=ask if wishes.step else None,
-        dry=wishes.dry,
-    )
+    guard = _guarded(arm, robot, wishes, kinematics, ask)
     return RealLab(
         robot,
         camera,
@@ -101,6 +94,29 @@ def build_real_lab(
         lambda q: calibration.T_base_cam(kinematics.fk_hand(q)),
         watch,
         after,
+    )
+
+
+def guarded_arm(
+    robot: RobotConfig, wishes: Wishes, kinematics: Kinematics, ask: Ask, clock: Clock
+) -> tuple[GuardedArm, Clock]:
+    """The arm alone, behind the limits that a person set, and the clock of its stamps; nothing is opened yet.
+
+    Raises:
+        BadInput: a robot without the driver's section.
+    """
+    arm, _, clock, _, _ = _robot(robot, wishes, kinematics, clock)
+    return _guarded(arm, robot, wishes, kinematics, ask), clock
+
+
+def _guarded(arm: Arm, robot: RobotConfig, wishes: Wishes, kinematics: Kinematics, ask: Ask) -> GuardedArm:
+    return GuardedArm(
+        arm,
+        lambda q: tool_of(robot, kinematics, q)[:, :3, 3],
+        robot.tool_box,
+        acknowledge=ask,
+        step=ask if wishes.step else None,
+        dry=wishes.dry,
     )
 
 
@@ -124,6 +140,14 @@ def _robot(
 
     over_ros = open_robot(robot, clock)
     return over_ros.arm, over_ros.gripper, over_ros.clock, over_ros.listening_for_stop, lambda: ""
+
+
+@contextmanager
+def open_arm(robot: RobotConfig, wishes: Wishes, kinematics: Kinematics) -> Iterator[Arm]:
+    """The arm alone, entered; for verbs that only read it."""
+    arm, *_ = _robot(robot, wishes, kinematics, WallClock())
+    with arm:
+        yield arm
 
 
 def _camera(wishes: Wishes, config: CameraConfig, clock: Clock, sink: Sink) -> Camera:

@@ -26,7 +26,7 @@ from evg_app.types import ArmMode
 
 T_BASE_CAM = look_at((0.5, -0.55, 0.4), (0.5, 0.0, 0.05))
 STOPPED_S = 30.0
-"""From a stop file to the end of the program with its report, on a busy machine; the arm itself stops in below 0.5 s."""
+"""From a stop file to the end of the program with its report, on a busy machine; the arm stops in below 0.5 s."""
 
 
 @pytest.fixture
