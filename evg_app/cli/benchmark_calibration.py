@@ -57,9 +57,7 @@ def _report(facts: dict[str, Any]) -> None:
         below = found["true_below_bound"]
         say(f"{mode}: {found['sessions']} sessions, verdicts {found['verdicts']}")
         for key in ("true_mm", "true_deg", "bound_mm", "heldout_mm", "heldout_deg"):
-            say(
-                f"  {key:<12} median {found[key]['median']:.3f}  p95 {found[key]['p95']:.3f}  max {found[key]['max']:.3f}"
-            )
+            say(f"  {key:<12} " + "  ".join(f"{name} {found[key][name]:.3f}" for name in ("median", "p95", "max")))
         say(f"  true below bound {rate(below['k'], below['n'])}")
         for name, numbers in found["plain"].items():
             mm = numbers["true_mm"]

@@ -8,13 +8,20 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from evg_app.cli import calibrate_bench, calibrate_board, calibrate_verify
 from evg_app.cli.arguments import count
 from evg_app.cli.console import hushed, say
 from evg_app.cli.trials.common import write_json_file
 from evg_app.config.calibration import FOLDER, MODES, save_calibration, write_calibration
 from evg_app.errors import BadInput, EvgError
+from evg_app.types import Frame
+
+if TYPE_CHECKING:
+    from evg_app.handeye.collect import OnSample
+    from evg_app.handeye.sample import Sample
+    from evg_app.handeye.store import RunFolder
 
 SAMPLES = 24
 RESULT, FACTS, REPORT = "result.yaml", "facts.json", "report.html"
@@ -23,23 +30,39 @@ SOLVE_TIMEOUT = 600.0
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
+    """Declare the verb with its verbs `board` and `verify`."""
     parser = verbs.add_parser(
-        "calibrate", help="find where the camera stands, with its error in millimetres", description=__doc__
+        "calibrate",
+        help="find where the camera stands, with its error in millimetres",
+        description=__doc__,
+        parents=[_devices()],
     )
-    parser.add_argument("--sim", action="store_true", help="a stand-in moves, renders the board and judges the result")
     parser.add_argument("--mode", choices=MODES, help="camera beside the table (eye-to-hand) or on the hand")
-    parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
-    parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
     parser.add_argument("--board", default="charuco_a4", metavar="NAME", help="calibration/boards/NAME.yaml")
     parser.add_argument("--samples", type=count, default=SAMPLES, metavar="N", help=f"stops (default: {SAMPLES})")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the views, and of the stand-in")
+    parser.add_argument("--manual", action="store_true", help="guide the arm by hand; Enter takes a sample")
     parser.add_argument("--from", dest="source", type=Path, metavar="RUN", help="solve the samples of a folder again")
     parser.add_argument("--run-dir", type=Path, metavar="DIR", help="where samples and report go")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers")
     parser.add_argument("--force", action="store_true", help="keep a refused result; the file says so")
-    parser.add_argument("--config-dir", type=Path, metavar="DIR", help="your own robot_configs/ and calibration/")
     parser.set_defaults(run=run)
+    inner = parser.add_subparsers(dest="calibrate_verb", metavar="VERB", title="other verbs")
+    calibrate_board.add_parser(inner)
+    calibrate_verify.add_parser(inner, _devices())
+
+
+def _devices() -> argparse.ArgumentParser:
+    """What `calibrate` and `calibrate verify` share."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument("--sim", action="store_true", help="a stand-in moves, renders the board and judges the result")
+    parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
+    parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
+    parser.add_argument("--driver", choices=("ros2", "fci"), help="how to reach the arm (default: the robot's config)")
+    parser.add_argument("--host", default="", metavar="ADDRESS", help="the arm's address for --driver fci")
+    parser.add_argument("--serial", default="", metavar="S", help="which of several cameras")
+    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the views, and of the stand-in")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers")
+    parser.add_argument("--config-dir", type=Path, metavar="DIR", help="your own robot_configs/ and calibration/")
+    return parser
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,32 +75,55 @@ def run(args: argparse.Namespace) -> int:
         return _solve(args)
     if args.mode is None:
         raise BadInput("say where the camera is: --mode eye-to-hand (beside the table) or --mode eye-in-hand")
-    if not args.sim:
-        raise BadInput("only --sim and --from RUN are wired in this version")
-    return _simulate(args)
+    if args.sim and args.manual:
+        raise BadInput("nobody can guide the stand-in by hand: leave out --manual, or --sim")
+    return _simulate(args) if args.sim else _on_robot(args)
 
 
 def _simulate(args: argparse.Namespace) -> int:
     """Collect with the stand-in, solve in a process that is given the samples alone, then judge."""
     with hushed():
-        from evg_app.config.files import load_camera, load_robot
-        from evg_app.handeye.boards import load_board
         from evg_app.handeye.collect import collect
-        from evg_app.handeye.standin.bench import simulated_bench
         from evg_app.handeye.standin.judge import judged
-        from evg_app.handeye.store import RunFolder, default_folder
-        from evg_app.motion.feasibility import MotionPlanner
-    robot, camera = load_robot(args.robot, args.config_dir), load_camera(args.camera, args.config_dir)
-    board, motion = load_board(args.board, args.config_dir), MotionPlanner(robot)
-    folder = RunFolder(args.run_dir or default_folder(), simulated=True)
-    lab = simulated_bench(motion, robot, camera, board, args.mode, args.seed, folder.add)
+    folder, show = _folder(args, simulated=True)
+    lab = calibrate_bench.simulated(args, args.mode, show)
     folder.finish(collect(lab.bench, args.samples, args.seed))
     facts = _solve_elsewhere(folder.path, args.force)
-    facts = judged({**facts, "seed": args.seed}, lab.truth, motion.kinematics)
+    facts = judged({**facts, "seed": args.seed}, lab.truth, lab.bench.motion.kinematics)
     write_json_file(args.json, facts)
     if facts["true_mm"] is not None:
         say(f"true error {facts['true_mm']:.2f} mm, {facts['true_deg']:.3f} deg (the judge's; the solver never saw it)")
     return 3 if facts["verdict"] == "refuse" and not args.force else 0
+
+
+def _on_robot(args: argparse.Namespace) -> int:
+    """Collect with the real devices, and solve."""
+    with hushed():
+        from evg_app.handeye.collect import collect
+    folder, show = _folder(args, simulated=False)
+    with calibrate_bench.real(args, args.mode, show) as bench:
+        session = calibrate_bench.by_hand(bench) if args.manual else collect(bench, args.samples, args.seed)
+    folder.finish(session)
+    args.source = folder.path
+    return _solve(args)
+
+
+def _folder(args: argparse.Namespace, simulated: bool) -> "tuple[RunFolder, OnSample]":
+    """The run folder, and what is done with each sample: stored, drawn into `live.jpg`, and on a robot said."""
+    with hushed():
+        from evg_app.handeye.live import LivePicture
+        from evg_app.handeye.store import RunFolder, default_folder
+    folder = RunFolder(args.run_dir or default_folder(), simulated)
+    live = LivePicture(folder.path)
+
+    def show(sample: "Sample", frame: Frame) -> None:
+        folder.add(sample, frame)
+        live.show(sample)
+        if not simulated:
+            found = sample.detection
+            say(f"sample {sample.number}: {len(found.ids)} corners, {found.problem or 'ok'} (see {live.path})")
+
+    return folder, show
 
 
 def _solve_elsewhere(folder: Path, force: bool) -> dict[str, Any]:

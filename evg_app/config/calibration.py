@@ -90,6 +90,7 @@ class Calibration(Model):
     """One result. `T_parent_cam` maps camera coordinates to `parent_frame`: the base, or the hand (eye-in-hand).
 
     Attributes:
+        T_picture_cam: the camera frame in the frame of the pictures (colour) that the board was found in.
         T_other_board: the board in the hand (eye-to-hand) or in the base (eye-in-hand).
         board_scale: true size of the board over its nominal size.
         forced: the user let a refused result through with `--force`.
@@ -104,6 +105,7 @@ class Calibration(Model):
     camera_frame: str
     T_parent_cam: Pose
     T_other_board: Pose
+    T_picture_cam: Pose = Pose(xyz_m=(0.0, 0.0, 0.0))
     created_utc: datetime
     verdict: Verdict
     forced: bool = False
@@ -139,7 +141,7 @@ class Calibration(Model):
             point = transform_points(T_other_board, np.array(witness.board_point_m) * self.board_scale)
             in_base = transform_points(hand, point) if self.mode == "eye-to-hand" else point
             in_parent = in_base if self.mode == "eye-to-hand" else transform_points(invert(hand), in_base)
-            p = transform_points(invert(T), in_parent)
+            p = transform_points(self.T_picture_cam.matrix() @ invert(T), in_parent)
             if p[2] <= 0:
                 return float("inf")
             squares.append(float(((project(intrinsics, p) - np.array(witness.pixel)) ** 2).sum()))

@@ -1,7 +1,7 @@
 """Taking samples: move, rest, look, detect. Automatic around the current view, or where the user guides the arm."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,9 +14,10 @@ from evg_app.geometry import Array
 from evg_app.handeye.boards import Board, Gray
 from evg_app.handeye.detect import Detection, detect
 from evg_app.handeye.poses import Reach, Stop, first_motions, plan_stops
-from evg_app.handeye.sample import Sample, Session, views_of
+from evg_app.handeye.sample import Sample, Session, coarse, views_of
 from evg_app.handeye.solve import fit_without_outliers
 from evg_app.motion.feasibility import MotionPlanner
+from evg_app.motion.slower import slowed
 from evg_app.robots.protocol import Arm
 from evg_app.types import Frame
 
@@ -42,6 +43,8 @@ class Bench:
         robot, camera_config: their files.
         board: what is looked for.
         mode: where the camera is.
+        share: of the configured speed.
+        T_picture_cam: camera frame in the frame of the pictures (see `Session`).
         on_sample: told about every sample, for storing and showing it.
     """
 
@@ -54,6 +57,8 @@ class Bench:
     board: Board
     mode: Mode
     on_sample: OnSample
+    share: float = 1.0
+    T_picture_cam: Array = field(default_factory=lambda: np.eye(4))
 
     def session(self, samples: "list[Sample]") -> Session:
         """What the solver is given."""
@@ -62,11 +67,12 @@ class Bench:
             robot=self.robot.name,
             camera=self.camera_config.name,
             parent_frame=self.robot.hand_link if self.mode == "eye-in-hand" else "base",
-            camera_frame=self.camera.frame_id,
+            camera_frame=self.camera_config.frame_id,
             intrinsics=self.camera.intrinsics,
             board=self.board,
             T_base_task=self.robot.T_base_task.matrix(),
             samples=tuple(samples),
+            T_picture_cam=self.T_picture_cam,
         )
 
     def take(self, number: int) -> Sample:
@@ -88,7 +94,7 @@ class Bench:
             trajectory = self.motion.go_to(self.arm.state().q, q)
         except (Refused, BadInput):
             return False
-        result = self.arm.execute(trajectory).wait(MOTION_TIMEOUT)
+        result = self.arm.execute(slowed(trajectory, self.share)).wait(MOTION_TIMEOUT / self.share)
         return result is not None and result.reached
 
 
@@ -108,7 +114,8 @@ def sample_of(number: int, q: Array, T_base_hand: Array, frame: Frame, board: Bo
     """Detect the board in a frame."""
     gray = gray_of(frame)
     detection = detect(board, gray, frame.intrinsics)
-    return Sample(number, q, T_base_hand, detection, gray, depth_at(frame, detection))
+    depth = coarse(frame.depth, frame.depth_scale)
+    return Sample(number, q, T_base_hand, detection, gray, depth_at(frame, detection), depth)
 
 
 def depth_at(frame: Frame, detection: Detection) -> Array:

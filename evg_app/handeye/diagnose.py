@@ -40,7 +40,7 @@ class Finding:
 
     Attributes:
         cause: a fixed word: "one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur", "hidden",
-            "few-samples", "no-solution", "solvers-disagree", "depth", "heldout", "bound" or "repaired".
+            "few-samples", "no-solution", "solvers-disagree", "depth", "table", "heldout" or "bound".
         severity: what it does to the verdict.
         text: for the user.
     """
@@ -211,18 +211,10 @@ def solver_spread(distances_mm: "dict[str, float | None]") -> list[Finding]:
     return [Finding("solvers-disagree", "warn", text)]
 
 
-def depth_check(session: Session, scale: float) -> list[Finding]:
-    """Whether the depth camera sees the board at the distance its corners say."""
-    ratios = []
-    for s in session.usable():
-        if len(s.board_depth) != len(s.detection.ids):
-            continue
-        p = session.board.points[s.detection.ids] @ s.detection.T_cam_board[2, :3] + s.detection.T_cam_board[2, 3]
-        good = np.isfinite(s.board_depth) & (s.board_depth > 0)
-        if good.sum() >= 6:
-            ratios.append(float(np.median(s.board_depth[good] / (p[good] * scale))))
-    if len(ratios) < 3 or abs(float(np.median(ratios)) - 1) < DEPTH_SHARE:
+def depth_check(factor: float) -> list[Finding]:
+    """Whether the depth camera sees the board at the distance its corners say. `factor`: corners' over depth's."""
+    if abs(1 / factor - 1) < DEPTH_SHARE:
         return []
-    off = 100 * (float(np.median(ratios)) - 1)
+    off = 100 * (1 / factor - 1)
     text = f"depth reads {off:+.1f} % against the board's distance: check the depth scale and the board's size"
     return [Finding("depth", "warn", text)]

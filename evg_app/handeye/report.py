@@ -57,6 +57,7 @@ def _numbers(session: Session, solution: Solution) -> str:
         ["held-out error (samples that were not fitted)", f"{held.rms_mm:.2f} mm", f"{held.rms_deg:.3f} deg"],
         ["error over the workspace, 95 % upper bound", f"{sure.bound_mm:.2f} mm", f"{sure.bound_deg:.3f} deg"],
         ["reprojection, RMS", f"{fit.rms:.3f} px", ""],
+        *_table_rows(solution),
         ["size of the board against its YAML", f"{100 * fit.scale:.2f} %", f"+- {100 * sure.scale_std:.2f} %"],
     ]
     xyz, quaternion = fit.X[:3, 3], to_quaternion(fit.X)
@@ -70,6 +71,16 @@ def _numbers(session: Session, solution: Solution) -> str:
         f"<h2>The camera in {html.escape(session.parent_frame)}</h2>"
         f"{_table(['axis', 'position [mm]', 'rotation +- [deg]'], place)}<p>quaternion xyzw: {words}</p>"
     )
+
+
+def _table_rows(solution: Solution) -> list[list[str]]:
+    seen = solution.table
+    if seen is None:
+        return [["table seen by depth", "too little of it", ""]]
+    return [
+        ["table seen by depth: height and tilt", f"{seen.offset_mm:+.1f} mm", f"{seen.tilt_deg:.2f} deg"],
+        ["table seen by depth: flatness (RMS)", f"{seen.flatness_mm:.1f} mm", f"{seen.points} points"],
+    ]
 
 
 def _solvers(solution: Solution) -> str:

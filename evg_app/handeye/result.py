@@ -1,5 +1,6 @@
 """A solution as the file that `run` reads, and as the numbers of `--json`."""
 
+from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
@@ -28,8 +29,9 @@ def as_calibration(
         mode=session.mode,
         parent_frame=session.parent_frame,
         camera_frame=session.camera_frame,
-        T_parent_cam=pose_of(solution.fit.X),
+        T_parent_cam=pose_of(solution.fit.X @ session.T_picture_cam),
         T_other_board=pose_of(solution.fit.Z),
+        T_picture_cam=pose_of(session.T_picture_cam),
         created_utc=(now or datetime.now(UTC)).replace(microsecond=0),
         verdict=solution.verdict,
         forced=forced and solution.verdict == "refuse",
@@ -75,10 +77,10 @@ def as_facts(session: Session, solution: Solution | Unsolved) -> dict[str, Any]:
         "bound_mm": None,
         "bound_deg": None,
     }
-    return facts if isinstance(solution, Unsolved) else facts | _numbers(solution)
+    return facts if isinstance(solution, Unsolved) else facts | _numbers(session, solution)
 
 
-def _numbers(solution: Solution) -> dict[str, Any]:
+def _numbers(session: Session, solution: Solution) -> dict[str, Any]:
     std = solution.uncertainty.stds()
     return {
         "samples": len(solution.used),
@@ -93,6 +95,7 @@ def _numbers(solution: Solution) -> dict[str, Any]:
         "rotation_std_deg": np.rad2deg(std[3:]).tolist(),
         "outliers": list(solution.left_out),
         "solvers_mm": solution.solver_mm,
-        "T_parent_cam": solution.fit.X.tolist(),
+        "T_parent_cam": (solution.fit.X @ session.T_picture_cam).tolist(),
+        "table": None if solution.table is None else asdict(solution.table),
         "T_other_board": solution.fit.Z.tolist(),
     }

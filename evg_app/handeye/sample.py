@@ -11,6 +11,14 @@ from evg_app.handeye.boards import Board, Gray
 from evg_app.handeye.detect import Detection
 from evg_app.types import Intrinsics
 
+STRIDE = 8
+"""Every STRIDE-th row and column of the depth is kept."""
+
+
+def coarse(depth: NDArray[np.uint16], unit: float) -> NDArray[np.float32]:
+    """What is kept of a depth image (H, W) in units of `unit` [m]."""
+    return np.asarray(depth[::STRIDE, ::STRIDE], dtype=np.float32) * np.float32(unit)
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -22,6 +30,7 @@ class Sample:
         T_base_hand: from them. Shape (4, 4).
         detection: what was found in the picture.
         gray: the picture, 8 bit (H, W); None when it is not kept in memory.
+        coarse_depth: every 8th row and column of the depth image [m], 0 where none; empty without depth.
         board_depth: depth camera's distance of the board's seen corners along the axis [m], NaN where none. (n,).
     """
 
@@ -31,11 +40,16 @@ class Sample:
     detection: Detection
     gray: Gray | None = None
     board_depth: Array = field(default_factory=lambda: np.zeros(0))
+    coarse_depth: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
 
 @dataclass(frozen=True)
 class Session:
-    """Everything the solver is given."""
+    """Everything the solver is given.
+
+    `T_picture_cam` maps the camera frame that the result is for to the frame of the pictures: the identity, or the
+    device's depth-to-colour transform when the board was seen by the colour camera.
+    """
 
     mode: Mode
     robot: str
@@ -46,6 +60,7 @@ class Session:
     board: Board
     T_base_task: Array
     samples: tuple[Sample, ...]
+    T_picture_cam: Array = field(default_factory=lambda: np.eye(4))
 
     def usable(self) -> "list[Sample]":
         """Samples whose picture can be used."""

@@ -13,6 +13,7 @@ from evg_app.handeye.refine import FREE_SCALE, SCALE_PRIOR, Fit, fit_at, refine
 from evg_app.handeye.rigid import cube_points, displacement
 from evg_app.handeye.sample import Sample, Session, Views, views_of
 from evg_app.handeye.starts import SOLVERS, best_starts, plain
+from evg_app.handeye.table import TableFit, depth_factor, fit_table, table_findings
 from evg_app.handeye.uncertainty import Uncertainty, uncertainty
 
 GO_MM, GO_DEG = 3.0, 0.5
@@ -36,6 +37,7 @@ class Solution:
         views: arrays of `used`.
         heldout, uncertainty: how good it is.
         solver_mm: displacement over the cube of each closed-form solver from the fit [mm], None where it failed.
+        table: the fused table, None when depth does not show enough of it.
         findings: everything noticed.
         verdict: what may be done with it.
     """
@@ -47,6 +49,7 @@ class Solution:
     heldout: Heldout
     uncertainty: Uncertainty
     solver_mm: dict[str, float | None]
+    table: TableFit | None
     findings: tuple[Finding, ...]
     verdict: Verdict
 
@@ -95,14 +98,17 @@ def solve(session: Session) -> Solution | Unsolved:
     views = everything.take(keep)
     cube = cube_in_parent(session, session.samples[0].T_base_hand)
     confidence = uncertainty(views, fit, cube, prior)
+    factor = depth_factor(session, fit.scale)
+    seen = fit_table(session, fit.X, factor)
     findings += swapped or _causes(session, everything, views, fit, confidence, left_out)
+    findings += [] if swapped else diagnose.depth_check(factor) + table_findings(seen)
     errors = held_out(views, fit, session.board.outline, prior)
     solver_mm = {name: _distance(plain(views, name), fit, cube) for name in SOLVERS}
     if not swapped:
         findings += diagnose.solver_spread(solver_mm) + _gates(errors, confidence)
     used = tuple(sample for sample, kept in zip(samples, keep, strict=True) if kept)
     return Solution(
-        fit, used, tuple(left_out), views, errors, confidence, solver_mm, tuple(findings), _verdict(findings)
+        fit, used, tuple(left_out), views, errors, confidence, solver_mm, seen, tuple(findings), _verdict(findings)
     )
 
 
@@ -164,7 +170,7 @@ def _causes(
     if not step:
         worst = [float(rms[list(everything.numbers).index(n)]) for n in left_out]
         findings += diagnose.outliers(left_out, worst, len(everything), float(np.median(rms)))
-    return findings + diagnose.depth_check(session, fit.scale)
+    return findings
 
 
 def _distance(found: tuple[Array, Array] | None, fit: Fit, cube: Array) -> float | None:

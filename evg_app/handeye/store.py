@@ -34,6 +34,7 @@ class SessionHeader(Model):
     depth_scale_m: float
     T_base_task: Pose
     board: BoardModel
+    T_picture_cam: Pose = Pose(xyz_m=(0.0, 0.0, 0.0))
     simulated: bool = False
 
 
@@ -79,6 +80,7 @@ class RunFolder:
             depth_scale_m=self.depth_scale,
             T_base_task=pose_of(session.T_base_task),
             board=session.board.model,
+            T_picture_cam=pose_of(session.T_picture_cam),
             simulated=self.simulated,
         )
         text = yaml.safe_dump(header.model_dump(mode="json"), sort_keys=False, width=120)
@@ -119,6 +121,7 @@ def load_session(folder: Path, mode: Mode | None = None) -> Session:
         board=board,
         T_base_task=header.T_base_task.matrix(),
         samples=tuple(samples),
+        T_picture_cam=header.T_picture_cam.matrix(),
     )
 
 

@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from evg_app.geometry import Array, make
+from evg_app.geometry import TABLE_HEIGHT, Array, invert, make, translation
 from evg_app.handeye.boards import Board
 from evg_app.handeye.rigid import exp, moved
 from evg_app.handeye.standin.picture import BoardPainter, Exposure
@@ -81,6 +81,16 @@ class StandIn:
         if self.faults.bump and self.pictures >= self.faults.bump_at:
             T = moved(np.eye(4), np.array(self.faults.bump)) @ T
         return T
+
+    def T_cam_base(self) -> Array:
+        """The base in the camera. Shape (4, 4)."""
+        X = self.truth.X
+        return invert(X if self.truth.mode == "eye-to-hand" else self.T_base_real @ X)
+
+    @property
+    def table(self) -> Array:
+        """The table top in the base. Shape (4, 4)."""
+        return self.kinematics.robot.T_base_task.matrix() @ translation(0.0, 0.0, TABLE_HEIGHT)
 
     def now(self) -> float:
         """Time [s]."""
@@ -204,4 +214,5 @@ class StandInCamera(_Entered):
 
     def _depth(self, T_cam_board: Array) -> np.ndarray[tuple[int, int], np.dtype[np.uint16]]:
         """Depth of the plate as stereo would measure it, 0 elsewhere. Shape (H, W)."""
-        return self._painter.depth(T_cam_board, self._factor, DEPTH_NOISE, DEPTH_SCALE, self._world.rng)
+        T_cam_table = self._world.T_cam_base() @ self._world.table
+        return self._painter.depth(T_cam_board, T_cam_table, self._factor, DEPTH_NOISE, DEPTH_SCALE, self._world.rng)

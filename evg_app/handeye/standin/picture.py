@@ -18,6 +18,8 @@ TEXELS_PER_M = 4000.0
 """Resolution of the printed pattern."""
 PAPER_BORDER = 0.012
 """White margin of the plate around the pattern [m]."""
+FARTHEST = 2.0
+"""Range of the depth [m]."""
 INK, PAPER = 0.06, 0.85
 """Reflectance."""
 
@@ -147,23 +149,41 @@ class BoardPainter:
         return (u.astype(np.float32), v.astype(np.float32)), inside
 
     def depth(
-        self, T_cam_board: Array, factor: float, noise: float, unit: float, rng: np.random.Generator
+        self,
+        T_cam_board: Array,
+        T_cam_table: Array,
+        factor: float,
+        noise: float,
+        unit: float,
+        rng: np.random.Generator,
     ) -> NDArray[np.uint16]:
-        """Depth of the plate times `factor` with `noise` [m] in units of `unit` [m], 0 elsewhere. Shape (H, W)."""
-        K = self.intrinsics
-        image = np.zeros((K.height, K.width), np.uint16)
+        """Depth of plate and table (the plane z = 0 of its frame) times `factor`, with `noise` [m]. Shape (H, W)."""
+        table = _plane_depth(self._rays, T_cam_table)
+        table = np.where((table > 0.1) & (table < FARTHEST), table, 0.0)
+        image = _measured(table, factor, noise, unit, rng)
         crop = self._crop(T_cam_board, Exposure())
         if crop is None:
             return image
         top, bottom, left, right = crop
         rays = self._rays[top:bottom, left:right]
-        n = T_cam_board[:3, 2]
-        along = rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2]
-        z = float(n @ T_cam_board[:3, 3]) / np.where(np.abs(along) < 1e-6, 1e-6, along)
+        z = _plane_depth(rays, T_cam_board)
         _, inside = self._texels(rays[..., 0], rays[..., 1], T_cam_board)
-        measured = np.where(inside, z * factor + rng.normal(0, noise, z.shape), 0.0)
-        image[top:bottom, left:right] = np.clip(np.rint(measured / unit), 0, 65535).astype(np.uint16)
+        plate = _measured(z, factor, noise, unit, rng)
+        image[top:bottom, left:right] = np.where(inside, plate, image[top:bottom, left:right])
         return image
+
+
+def _plane_depth(rays: Image, T: Array) -> Image:
+    """Depth at which rays (..., 2) meet the plane z = 0 of a frame at T (4, 4)."""
+    n = T[:3, 2].astype(np.float32)
+    slant = rays[..., 0] * n[0] + rays[..., 1] * n[1] + n[2]
+    return np.asarray(np.float32(T[:3, 2] @ T[:3, 3]) / np.where(np.abs(slant) < 1e-6, np.float32(1e-6), slant))
+
+
+def _measured(z: Image, factor: float, noise: float, unit: float, rng: np.random.Generator) -> NDArray[np.uint16]:
+    """Depth as stereo measures it, in units of `unit` [m]."""
+    noisy = z * np.float32(factor) + np.float32(noise) * rng.standard_normal(z.shape, dtype=np.float32)
+    return np.where(z > 0, np.clip(np.rint(noisy / unit), 0, 65535), 0).astype(np.uint16)
 
 
 def _background(rng: np.random.Generator, height: int, width: int) -> Image:
