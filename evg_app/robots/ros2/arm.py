@@ -218,7 +218,8 @@ class Ros2Arm:
             self._motion.cancel()
         for feed in self._reader.feeds():
             feed.forget()
-        if not self._link.wait_until(self._reader.healthy, min(timeout, 2 * self._config.state_timeout_s)):
+        well = self._link.wait_until(self._reader.healthy, min(timeout, 2 * self._config.state_timeout_s))
+        if not well or self._reader.uncontrolled():
             self._refuse_user_stop()
             if self._recovery is not None:
                 self._recovery.run(max(0.1, end - self._clock.now()))

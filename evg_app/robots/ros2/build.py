@@ -63,6 +63,10 @@ def build(say: Callable[[str], None], force: bool = False) -> Path:
         say(f"already built: {target}")
         return target
     prefix = _generators()
+    header = Path(sysconfig.get_path("include")) / "Python.h"
+    if not header.is_file():
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise BadInput(f"{header} is needed to build ROS interfaces. Run: sudo apt-get install python{version}-dev")
     tools = {name: _tool(name) for name in ("cmake", "ninja", "cc", "c++")}
     _mend(prefix)
     shutil.rmtree(target, ignore_errors=True)

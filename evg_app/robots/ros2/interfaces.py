@@ -42,8 +42,8 @@ class MissingInterfaces(BadInput):
 
 @functools.cache
 def build_folder() -> Path:
-    """Where built packages are kept: one folder per Python, generator version and definitions."""
-    digest = hashlib.sha256()
+    """Where built packages are kept: one folder per Python, generator version, recipe and definitions."""
+    digest = hashlib.sha256(Path(__file__).with_name("build.py").read_bytes())
     for path in sorted(DEFINITIONS.rglob("*.*")):
         if path.suffix in (".msg", ".srv", ".action"):
             digest.update(path.name.encode() + path.read_bytes())

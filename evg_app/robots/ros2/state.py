@@ -20,6 +20,8 @@ MODES = {
     6: ArmMode.OTHER,
 }
 """robot_mode of franka_msgs/FrankaRobotState. IDLE and MOVE are left out: a controller that holds is in MOVE, too."""
+IDLE = 1
+"""robot_mode when no controller runs."""
 
 
 class StateReader:
@@ -62,6 +64,10 @@ class StateReader:
             return False
         mode, errors = self._condition(moving=False)
         return mode is ArmMode.IDLE and not errors
+
+    def uncontrolled(self) -> bool:
+        """Whether the robot says that no controller runs (franka robot_mode IDLE; one that holds is in MOVE)."""
+        return bool(self.robot.topic) and self.robot.fresh and int(self.robot.latest()[0].robot_mode) == IDLE
 
     def read(self, moving: bool) -> ArmState:
         """The latest state; `moving` is whether we have a motion under way.

@@ -163,6 +163,16 @@ def test_reflex_is_reported_and_recovered_in_three_ordered_steps(robot: Ros2Robo
     assert end_of(robot.arm.execute(motion(robot, 0.3 * TURN))).reached
 
 
+def test_controllers_that_somebody_stopped_are_started_by_recovery(robot: Ros2Robot, peer: PeerProcess):
+    peer.ask("deactivate")
+    time.sleep(0.3)
+    with pytest.raises(HardwareError, match="rejected"):
+        robot.arm.execute(motion(robot))
+    robot.arm.recover(10.0)
+    assert "panda_arm_controller" in peer.wire("switch")[0]
+    assert end_of(robot.arm.execute(motion(robot, 0.3 * TURN))).reached
+
+
 def test_refused_recovery_names_its_step(robot: Ros2Robot, peer: PeerProcess):
     peer.ask("fault", {"refuse_recovery": True})
     peer.ask("reflex")

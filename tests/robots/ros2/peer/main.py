@@ -324,6 +324,9 @@ class Peer:
             return None
         if command == "reflex":
             return self.reflex()
+        if command == "deactivate":
+            self.controllers, self.mode = {"joint_state_broadcaster", "franka_robot_state_broadcaster"}, 1
+            return None
         if command == "home":
             return self.home()
         if command == "round":

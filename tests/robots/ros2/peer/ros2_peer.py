@@ -12,7 +12,7 @@ from pathlib import Path
 
 from evg_app.robots.ros2.interfaces import build_folder, site_packages
 
-START_S = 60.0
+START_S = 180.0
 
 
 def isolate() -> None:
