@@ -16,6 +16,8 @@ from evg_app.config.camera import RealSenseModel
 from evg_app.config.files import load_camera
 from evg_app.errors import BadInput, DeviceTimeout, HardwareError, MissingExtra
 
+pytestmark = pytest.mark.slow
+
 CLOCK = WallClock()
 STALL_S = 0.5
 SLACK_S = 0.8

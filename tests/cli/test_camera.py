@@ -20,6 +20,8 @@ from evg_app.cli.main import main
 from evg_app.config.files import load_robot
 from evg_app.geometry import to_quaternion
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
