@@ -152,12 +152,18 @@ def check_camera() -> Iterator[Finding]:
 
 
 def check_robot() -> Iterator[Finding]:
-    """Whether a robot can be reached."""
+    """Whether a robot can be reached over ROS 2: rclpy, interface packages, middleware, domain and range."""
+    from evg_app.robots.ros2.interfaces import DEPENDENCIES, is_there
+    from evg_app.robots.ros2.network import network
+
     if importlib.util.find_spec("rclpy") is None:
-        yield Finding("robot", "note", "cannot look: rclpy is not installed", "Run: ./setup.sh ros")
-    else:
-        domain = os.environ.get("ROS_DOMAIN_ID", "0")
-        yield Finding("robot", "note", f"rclpy is installed; ROS domain {domain}", "Run: ros2 topic hz /joint_states")
+        yield Finding("robot over ROS 2", "note", "cannot look: rclpy is not installed", "Run: ./setup.sh ros")
+        return
+    setting = network()
+    missing = [package for package in DEPENDENCIES if not is_there(package)]
+    mend = "; ".join(setting.faults) or ("Run: evg-app ros build" if missing else "Run: evg-app ros check")
+    lacks = f"; missing {', '.join(missing)}" if missing else ""
+    yield Finding("robot over ROS 2", "note", f"{setting}{lacks}", mend)
 
 
 CHECKS = (
