@@ -84,11 +84,11 @@ def test_cancel_reaches_the_wire_and_the_arm_holds(peer: Peer):
         assert end_of(arm.execute(turn(arm, -0.3 * TURN))).reached
 
 
-def test_leaving_mid_motion_stops_the_arm_first(peer: Peer):
-    with arm_at(peer) as arm:
+def test_leaving_mid_motion_stops_the_arm_first(strict: Peer):
+    with arm_at(strict) as arm:
         motion = arm.execute(turn(arm, -3 * TURN, 3.0))
         until_moving(arm, motion)
-    with arm_at(peer) as again:
+    with arm_at(strict) as again:
         assert again.state().mode is ArmMode.IDLE and rests(again)
 
 
