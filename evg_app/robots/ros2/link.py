@@ -12,7 +12,7 @@ from evg_app.robots.ros2.interfaces import rclpy
 T = TypeVar("T")
 SPIN_S = 0.1
 """How long the executor waits at most before it looks whether it should end [s]."""
-CALL_TIMEOUT_S = 2.0
+CALL_TIMEOUT_S = 5.0
 """How long a call on the executor's thread may take; it only hands things to the middleware [s]."""
 
 
