@@ -6,11 +6,11 @@ Example: `evg-app benchmark compare before.json after.json`
 import argparse
 from pathlib import Path
 
-from evg_app.cli import benchmark_calibration, benchmark_clutter, benchmark_motion
+from evg_app.cli import benchmark_calibration, benchmark_clutter, benchmark_latency, benchmark_motion
 from evg_app.cli.console import hushed, say
 from evg_app.cli.trials import write_json_file
 
-BENCHMARKS = (benchmark_calibration, benchmark_clutter, benchmark_motion)
+BENCHMARKS = (benchmark_calibration, benchmark_clutter, benchmark_latency, benchmark_motion)
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

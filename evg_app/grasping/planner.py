@@ -9,6 +9,7 @@ blocks; smooth. 3. For the best voxels: rotations (regressed, and flow samples),
 
 import copy
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -30,9 +31,12 @@ from evg_app.grasping.protocol import Grid, grid_values
 from evg_app.grasping.weights import load_weights
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
+from evg_app.nets.triplane import JointTriUNet
 from evg_app.types import Grasps
 
 _log = logging.getLogger(__name__)
+Lap = Callable[[str], None]
+"""Hears what has just been done."""
 MOST_THREADS = 4
 """More threads than this do not make a plan faster."""
 
@@ -139,33 +143,47 @@ class GraspPlanner:
         """Hash of the weights file, empty for a bare network."""
         return self._sha
 
-    def plan(self, grid: Grid, seed: int = 0) -> Grasps:
+    @property
+    def backbone(self) -> JointTriUNet:
+        """The network's encoder, on the planner's device."""
+        backbone = self._net.backbone
+        assert isinstance(backbone, JointTriUNet)
+        return backbone
+
+    def plan(self, grid: Grid, seed: int = 0, lap: Lap = lambda stage: None) -> Grasps:
         """Ranked grasps in the task frame, best first; the same for the same grid and seed.
 
         Args:
             grid: a TsdfGrid, or its bare values (40, 40, 40) in the convention of spec §1.
             seed: of the flow's noise.
+            lap: hears the name of each stage when it is over: mask, encode, locate, orient, select.
 
         Raises:
             BadInput: the grid has another shape or values outside [0, 1].
         """
         values = grid_values(grid)
         mask = selection.candidate_mask(values)
+        lap("mask")
         if not mask.any():
             return Grasps.empty()
         with torch.inference_mode(), one_torch_thread():
             field = self.encode(values)
+            lap("encode")
             index, graspness = self.locate(field, mask)
+            lap("locate")
             if len(index) == 0:
                 return Grasps.empty()
             rotation, score, width = self.orient(field, index, seed)
-        return self.assemble(index, rotation, np.sqrt(graspness * score), width)
+            lap("orient")
+        grasps = self.assemble(index, rotation, np.sqrt(graspness * score), width)
+        lap("select")
+        return grasps
 
-    def plan_dense(self, grid: Grid, seed: int = 0) -> Grasps:
+    def plan_dense(self, grid: Grid, seed: int = 0, lap: Lap = lambda stage: None) -> Grasps:
         """The reference: `plan` with the dense search of the paper, through the same layers and threads."""
         dense = copy.copy(self)
         dense.config = replace(self.config, dense=True)
-        return dense.plan(grid, seed)
+        return dense.plan(grid, seed, lap)
 
     def encode(self, values: NDArray[np.float32]) -> Field:
         """Features of one grid (40, 40, 40)."""
