@@ -15,6 +15,10 @@ MIN_CORNERS = 8
 """Fewer corners of a board are not used."""
 MAX_EDGE_WIDTH = 1.8
 """Standard deviation of the widest edges above which a picture is blurred [px]."""
+UNFOUND_EDGE_WIDTH = 1.4
+"""The same where no board was found: sharp pictures have about 1, and blur is the likeliest cause [px]."""
+NO_EDGE = 8.0
+"""Wider than this it is no edge but shading [px]."""
 MAX_OBLIQUITY = 65.0
 """Angle between the view and the board's normal above which corners are found badly [deg]."""
 LEAST_CONTRAST, BOARD_CONTRAST = 25.0, 80.0
@@ -58,7 +62,7 @@ def detect(board: Board, gray: Gray, intrinsics: Intrinsics) -> Detection:
     ids, pixels = _corners(board, gray)
     if len(ids) < MIN_CORNERS:
         width = edge_width(gray, None)
-        problem = "blurred" if width > MAX_EDGE_WIDTH else "board not found" if len(ids) == 0 else "board mostly hidden"
+        problem = "blurred" if width > UNFOUND_EDGE_WIDTH else "board not found" if len(ids) == 0 else "board mostly hidden"
         return Detection(ids, pixels, pixels, np.eye(4), 0.0, width, problem)
     ideal = undistort(pixels, intrinsics)
     T, fit = board_pose(board.points[ids], ideal, intrinsics)
@@ -178,7 +182,7 @@ def _width_anywhere(gray: Gray) -> float:
     """The same for a picture without corners, from its high-contrast patches; 0 when there are none."""
     tiles = [(r, c) for r in range(0, gray.shape[0], TILE) for c in range(0, gray.shape[1], TILE)]
     patches = (gray[r : r + TILE, c : c + TILE].astype(np.float32) for r, c in tiles)
-    widths = [w for w in (_patch_width(p, BOARD_CONTRAST) for p in patches) if w is not None]
+    widths = [w for w in (_patch_width(p, BOARD_CONTRAST) for p in patches) if w is not None and w < NO_EDGE]
     return float(np.percentile(widths, 25)) if widths else 0.0
 
 

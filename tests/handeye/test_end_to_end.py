@@ -1,0 +1,75 @@
+"""`evg-app calibrate --sim` with nothing handed over: rendered, detected, solved elsewhere, judged, verified."""
+
+import json
+import shutil
+
+import pytest
+
+from evg_app.benchmark.calibration.units import Study, collected, solved
+from evg_app.cli.main import main
+from evg_app.config.calibration import Calibration
+from evg_app.config.files import read
+
+TRUE_MM, TRUE_DEG = 3.0, 0.5
+SAMPLES = "14"
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """One calibration: its folder and its JSON."""
+    folder = tmp_path_factory.mktemp("calibrate")
+    target = folder / "out.json"
+    words = ["--mode", "eye-to-hand", "--seed", "3", "--samples", SAMPLES, "--run-dir", str(folder / "run")]
+    assert main(["calibrate", "--sim", *words, "--json", str(target)]) == 0
+    return folder / "run", json.loads(target.read_text())
+
+
+@pytest.mark.slow
+def test_the_result_is_good_and_its_bound_holds(calibrated):
+    _, facts = calibrated
+    assert {"heldout_mm", "heldout_deg", "bound_mm", "true_mm", "true_deg", "samples", "verdict", "reasons"} <= set(
+        facts
+    )
+    assert facts["verdict"] == "go", facts["reasons"]
+    assert facts["true_mm"] < TRUE_MM and facts["true_deg"] < TRUE_DEG
+    assert facts["true_mm"] < facts["bound_mm"]
+
+
+@pytest.mark.slow
+def test_the_run_folder_holds_result_report_and_samples(calibrated):
+    folder, facts = calibrated
+    result = read(folder / "result.yaml", Calibration)
+    assert result.errors.samples == facts["samples"] and result.witness_error() < 1.0
+    page = (folder / "report.html").read_text()
+    assert "GO" in page and page.count("<img") == facts["taken"]
+    assert (folder / "live.jpg").stat().st_size > 1000
+    assert "true_mm" not in (folder / "facts.json").read_text(), "the solver knew the truth"
+
+
+@pytest.mark.slow
+def test_stored_samples_solved_as_the_other_mode_are_refused_by_name(calibrated, tmp_path, capsys):
+    folder, target = tmp_path / "copy", tmp_path / "again.json"
+    shutil.copytree(calibrated[0], folder)
+    assert main(["calibrate", "--from", str(folder), "--mode", "eye-in-hand", "--json", str(target)]) == 3
+    facts = json.loads(target.read_text())
+    assert "swapped-mode" in facts["causes"] and "--mode eye-to-hand" in " ".join(facts["reasons"])
+
+
+@pytest.mark.slow
+def test_verify_agrees_with_the_lab_and_notices_another_one(calibrated, tmp_path, capsys):
+    result = str(calibrated[0] / "result.yaml")
+    verify = ["calibrate", "verify", "--sim", "--result", result, "--json", str(tmp_path / "v.json")]
+    assert main([*verify, "--seed", "3"]) == 0
+    assert json.loads((tmp_path / "v.json").read_text())["mm"] < TRUE_MM
+    assert main([*verify, "--seed", "4"]) == 3
+
+
+@pytest.mark.slow
+def test_a_board_printed_too_large_is_named_and_corrected():
+    facts, _ = solved(collected(Study(samples=14), "board-scale", "eye-in-hand", 3))
+    assert "board-scale" in facts["causes"] and facts["board_scale"] == pytest.approx(1.03, abs=0.005)
+
+
+def test_without_a_mode_the_command_says_which_there_are(capsys):
+    assert main(["calibrate", "--sim"]) == 2
+    assert "--mode eye-to-hand" in capsys.readouterr().err
