@@ -4,6 +4,8 @@ import argparse
 import logging
 from pathlib import Path
 
+from evg_app.cli.console import say
+
 SUMMARY = "generate labelled scenes for training"
 
 
@@ -17,11 +19,17 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--packed-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
     parser.add_argument("--pile-objects", type=Path, action="append", default=[], metavar="DIR", help=_FOLDER)
-    parser.add_argument(
-        "--weights", type=Path, metavar="FILE", help="add this network's own proposals, with labels"
-    )
+    parser.add_argument("--weights", type=Path, metavar="FILE", help="add this network's own proposals, with labels")
     parser.add_argument("--proposals", type=int, default=60, metavar="N", help="so many per scene (default 60)")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default 1)")
+    parser.add_argument(
+        "--from-trials",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="RUN",
+        help="make shards of this run folder's attempts instead of new scenes; may be given several times",
+    )
     parser.set_defaults(run=run)
 
 
@@ -30,6 +38,8 @@ _FOLDER = "folder of URDFs in VGN's layout to use beside the built-in training o
 
 def run(args: argparse.Namespace) -> int:
     """Make the missing shards. Returns 0."""
+    if args.from_trials:
+        return _from_trials(args)
     from evg_app.learning.generate import GenerateConfig, generate
 
     logging.getLogger("evg_app").setLevel(logging.INFO)
@@ -42,4 +52,12 @@ def run(args: argparse.Namespace) -> int:
         proposals=args.proposals,
     )
     generate(config, args.out, args.workers)
+    return 0
+
+
+def _from_trials(args: argparse.Namespace) -> int:
+    from evg_app.learning.from_trials import shards_from_trials
+
+    found = shards_from_trials(args.from_trials, args.out)
+    say(f"{found.used} attempts in {args.out}, {found.positives} of them successes; {found.left_out} teach nothing")
     return 0
