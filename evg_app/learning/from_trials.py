@@ -46,6 +46,7 @@ def shards_from_trials(folders: Sequence[Path], out: Path) -> Collected:
     A success is a positive grasp, with the opening that was measured; a grasp that closed and did not hold a slip; a
     contact on the approach, and a candidate refused for gripper-scene collision, a collision. All other proposals keep
     weak negatives away: nobody knows whether they would have held. An operator's label goes before the automatic one.
+    Training itself leaves out scenes without a positive and a negative, so a failure alone teaches it nothing yet.
 
     Raises:
         BadInput: a folder holds no readable log, or `out` cannot be written.
@@ -116,7 +117,7 @@ def _scene(name: str, stored: Any, kind: Kind, width: float) -> SceneSample:
         width=np.array([width, *(MAX_OPENING,) * n], dtype=np.float32),
         kind=np.array([kind, *(Kind.COLLISION,) * n], dtype=np.uint8),
         contact=np.array([contact, *(WithContact.UNKNOWN,) * n], dtype=np.uint8),
-        proposed=np.ones(1 + n, dtype=np.bool_),
+        proposed=np.zeros(1 + n, dtype=np.bool_),
         positives=np.concatenate([*near, stored["T_task_grasp"][unsure, :3, 3]]).astype(np.float16),
         points=points,
         occupied=occupied,
