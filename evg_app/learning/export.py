@@ -20,7 +20,7 @@ INTENDED_USE = (
 )
 LIMITS = (
     "Trained in simulation on rigid objects of up to about 15 cm with friction from 0.5 up; no soft, transparent or "
-    "articulated things; a first version, still under-trained."
+    "articulated things."
 )
 
 
