@@ -193,7 +193,7 @@ def newest_calibration(robot: str, camera: str, config_dir: Path | None = None) 
         Refused: there is none.
         ConfigError: a file is broken.
     """
-    folders = [folder / FOLDER for folder in search_path(config_dir)]
+    folders = list(dict.fromkeys(folder / FOLDER for folder in search_path(config_dir)))
     for folder in folders:
         found = [(read(path, Calibration), path) for path in sorted(folder.glob(f"{robot}-{camera}-*.yaml"))]
         if found:

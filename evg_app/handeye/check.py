@@ -46,7 +46,7 @@ def fresh_samples(bench: Bench, result: Calibration, seed: int) -> Session:
     if not first.detection.ok:
         return session
     start = bench.arm.state().q.copy()
-    views, X = views_of(session, [first]), result.T_parent_cam.matrix()
+    views, X = views_of(session, [first]), picture_pose(session, result)
     Z = invert(views.A[0]) @ X @ views.B[0]
     stops = plan_stops(
         Reach(bench.motion), bench.board, session.intrinsics, bench.mode, fit_at(views, X, Z), views, start, STOPS, seed
@@ -61,7 +61,7 @@ def check(session: Session, result: Calibration) -> Check:
         reason = f"only {len(samples)} of {len(session.samples)} pictures show the board well; move it into view"
         return Check(None, None, len(samples), "refuse", reason)
     views = views_of(session, samples)
-    fit = board_only(views, result.T_parent_cam.matrix(), result.board_scale)
+    fit = board_only(views, picture_pose(session, result), result.board_scale)
     errors = np.array(
         [prediction_error(views.take(np.array([k])), fit, session.board.outline) for k in range(len(views))]
     )
@@ -71,6 +71,12 @@ def check(session: Session, result: Calibration) -> Check:
         verdict = "go" if mm <= GO_MM and deg <= GO_DEG else "warn"
     reason = "" if verdict == "go" else "the stored result does not fit any more: the camera was moved; calibrate again"
     return Check(mm, deg, len(samples), verdict, reason)
+
+
+def picture_pose(session: Session, result: Calibration) -> Array:
+    """The frame of the session's pictures in the camera's parent frame, by the stored result. Shape (4, 4)."""
+    X: Array = result.T_parent_cam.matrix() @ invert(session.T_picture_cam)
+    return X
 
 
 def board_only(views: Views, X: Array, scale: float) -> Fit:

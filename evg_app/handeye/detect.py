@@ -62,7 +62,9 @@ def detect(board: Board, gray: Gray, intrinsics: Intrinsics) -> Detection:
     ids, pixels = _corners(board, gray)
     if len(ids) < MIN_CORNERS:
         width = edge_width(gray, None)
-        problem = "blurred" if width > UNFOUND_EDGE_WIDTH else "board not found" if len(ids) == 0 else "board mostly hidden"
+        problem = (
+            "blurred" if width > UNFOUND_EDGE_WIDTH else "board not found" if len(ids) == 0 else "board mostly hidden"
+        )
         return Detection(ids, pixels, pixels, np.eye(4), 0.0, width, problem)
     ideal = undistort(pixels, intrinsics)
     T, fit = board_pose(board.points[ids], ideal, intrinsics)
