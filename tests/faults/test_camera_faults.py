@@ -55,7 +55,7 @@ class Broken:
         monkeypatch.setattr(connection, "FIRST_FRAME", FIRST_FRAME_S)
         monkeypatch.setattr(link, "STOP_TIMEOUT", 0.3)
         monkeypatch.setattr(devices, "USB_DEVICES", folder)
-        self.lab = Lab("SSS", objects=3, recheck=False)
+        self.lab = Lab("S" * 12, objects=12, recheck=False)
         self.folder = make(folder / "run")
         self.store = TrialStore(self.folder, {})
         config = load_camera("d435i")
