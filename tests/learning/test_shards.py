@@ -182,3 +182,10 @@ def test_no_object_is_in_both_splits() -> None:
     names = [{o.name for pools in side.values() for objects in pools for o in objects} for side in (train, validation)]
     assert names[0] and names[1] and not names[0] & names[1]
     assert all(is_validation(n) for n in names[1]) and not any(is_validation(n) for n in names[0])
+
+
+def test_held_out_names_are_the_committed_ones() -> None:
+    listed = Path(__file__).parents[2] / "docs" / "benchmark" / "validation_names.txt"
+    names = [line for line in listed.read_text().splitlines() if line and not line.startswith("#")]
+    assert len(names) >= 65 and all(is_validation(name) for name in names)
+    assert sum(is_validation(f"{name}x") for name in names) < len(names) / 2
