@@ -42,7 +42,7 @@ class SparseLift:
             torch.from_numpy(padded)
             .view(-1)
             .index_select(0, (corner[:, None] + self._window).view(-1))
-            .view(len(near), -1)
+            .view(-1, len(self._window))
         )
         lifted = torch.addmm(self._bias, patches, self._weight).relu_().sub_(self._empty)
         planes = [self._sums(lifted, cells[near]) for cells in self._cells]
