@@ -109,12 +109,17 @@ class Kinematics:
         T[:, :, 3, 3] = 1.0
         T[:, 0, [0, 1, 2], [0, 1, 2]] = 1.0
         c, s = np.cos(q), np.sin(q)
+        R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
         for j, P in enumerate(self._placements):
-            M = T[:, j] @ P
+            rows = R.reshape(-1, 3)
+            p = p + (rows @ P[:3, 3]).reshape(-1, 3)
+            M = (rows @ P[:3, :3]).reshape(-1, 3, 3)
             cj, sj = c[:, j, None], s[:, j, None]
-            T[:, j + 1, :, 0] = M[:, :, 0] * cj + M[:, :, 1] * sj
-            T[:, j + 1, :, 1] = M[:, :, 1] * cj - M[:, :, 0] * sj
-            T[:, j + 1, :, 2:] = M[:, :, 2:]
+            R = np.empty_like(M)
+            R[:, :, 0] = M[:, :, 0] * cj + M[:, :, 1] * sj
+            R[:, :, 1] = M[:, :, 1] * cj - M[:, :, 0] * sj
+            R[:, :, 2] = M[:, :, 2]
+            T[:, j + 1, :3, :3], T[:, j + 1, :3, 3] = R, p
         return T
 
     def fk_hand(self, q: Array) -> Array:

@@ -183,7 +183,7 @@ def _straight(
     twins = _flipped(T_base_grasp)
     backwards = np.stack([hand_of_grasp(robot, approach_poses(robot, T)[::-1]) for T in twins])
     upwards = np.stack([hand_of_grasp(robot, lift_poses(robot, T)) for T in twins])
-    back, up = _with_least_motion(kinematics, c, backwards[c.flip], upwards[c.flip])
+    back, up = (track(kinematics, c.q, poses[c.flip]) for poses in (backwards, upwards))
     flips = c.flip
     if effort.fixed_q7:
         held = [_with_q7_held(kinematics, c, poses) for poses in (backwards, upwards)]
@@ -204,14 +204,6 @@ def _straight(
     return sorted(legs, key=lambda leg: leg.cost) or reason
 
 
-def _with_least_motion(kinematics: Kinematics, c: Candidates, back: Array, up: Array) -> tuple[Array, Array]:
-    """From the grasp along poses (C, K, 4, 4) and (C, L, 4, 4), the elbow nearly still. Shapes (C, K, 7), (C, L, 7)."""
-    count, n, m = len(c.q), back.shape[1], up.shape[1]
-    poses = np.concatenate([_padded(back, max(n, m)), _padded(up, max(n, m))])
-    path = track(kinematics, np.concatenate([c.q, c.q]), poses)
-    return path[:count, :n], path[count:, :m]
-
-
 def _with_q7_held(kinematics: Kinematics, c: Candidates, poses: Array) -> Array:
     """From the grasp along the poses of each flip (2, K, 4, 4). Shape (C, K, 7)."""
     path = np.full((len(c.q), poses.shape[1], 7), np.nan)
@@ -220,8 +212,3 @@ def _with_q7_held(kinematics: Kinematics, c: Candidates, poses: Array) -> Array:
         if len(rows):
             path[rows] = kinematics.follow(poses[flip], c.q[rows, 6], c.branch[rows])
     return path
-
-
-def _padded(poses: Array, length: int) -> Array:
-    """The last pose repeated. Shapes (C, K, 4, 4) -> (C, length, 4, 4)."""
-    return np.concatenate([poses, np.repeat(poses[:, -1:], length - poses.shape[1], axis=1)], axis=1)

@@ -4,10 +4,13 @@ Each step is a weighted least-norm Newton step; joints count by the time they ta
 """
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from evg_app.geometry import Array
-from evg_app.motion.kinematics import Kinematics
+from evg_app.motion.kinematics import Integers, Kinematics
 
+EVERY = 3
+"""Every so many poses are stepped to one after the other; those between are interpolated and corrected together."""
 DAMPING = 1e-8
 """Keeps singular poses solvable; then the pose is missed and the row becomes NaN."""
 MISSED = 1e-5
@@ -27,18 +30,29 @@ def track(kinematics: Kinematics, q: Array, poses: Array) -> Array:
     Returns:
         Shape (C, K, 7) [rad]. Joint limits are not looked at.
     """
-    path = np.full((*poses.shape[:2], 7), np.nan)
+    knots = np.unique(np.append(np.arange(0, poses.shape[1], EVERY), poses.shape[1] - 1))
+    rough = np.full((len(q), len(knots), 7), np.nan)
+    wanted = poses.reshape(-1, 4, 4)
     now = q
-    with np.errstate(invalid="ignore"):
-        for k in range(poses.shape[1]):
-            now = _newton(kinematics, now, poses[:, k])
-            path[:, k] = now
-        wanted = poses.reshape(-1, 4, 4)
-        flat = _newton(kinematics, path.reshape(-1, 7), wanted)
+    with np.errstate(invalid="ignore", over="ignore"):
+        for k, index in enumerate(knots):
+            now = _newton(kinematics, now, poses[:, index])
+            rough[:, k] = now
+        flat = _between(knots, rough, poses.shape[1]).reshape(-1, 7)
+        flat = _newton(kinematics, flat, wanted)
         error = pose_error(kinematics.fk_hand(flat), wanted)
-    path = flat.reshape(path.shape)
+    path = flat.reshape(*poses.shape[:2], 7)
     missed = ~(np.abs(error).max(axis=1) < MISSED).reshape(poses.shape[:2])
     path[np.logical_or.accumulate(missed, axis=1)] = np.nan
+    return path
+
+
+def _between(knots: Integers, rough: Array, count: int) -> Array:
+    """A cubic through rows of knots (C, K, 7), at every index. Shape (C, count, 7)."""
+    if len(knots) == 1:
+        return np.repeat(rough, count, axis=1)
+    finite = np.where(np.isfinite(rough), rough, 0.0)
+    path: Array = CubicSpline(knots, finite, axis=1)(np.arange(count))
     return path
 
 
@@ -67,5 +81,9 @@ def pose_error(T: Array, T_wanted: Array) -> Array:
 def jacobian(frames: Array, T_base_hand: Array) -> Array:
     """Of the hand, in the base frame. Shapes (N, 8, 4, 4) and (N, 4, 4) -> (N, 6, 7)."""
     axes = frames[:, 1:, :3, 2]
-    moved = np.cross(axes, T_base_hand[:, None, :3, 3] - frames[:, 1:, :3, 3])
-    return np.concatenate([moved, axes], axis=2).transpose(0, 2, 1)
+    arm = T_base_hand[:, None, :3, 3] - frames[:, 1:, :3, 3]
+    J = np.empty((len(frames), 6, 7))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        J[:, i] = axes[..., j] * arm[..., k] - axes[..., k] * arm[..., j]
+        J[:, 3 + i] = axes[..., i]
+    return J
