@@ -174,7 +174,7 @@ def test_a_round_over_the_franka_interface_picks_and_clears(tmp_path: Path):
             said, _ = running.communicate(timeout=280)
         assert running.returncode == 0, said
         facts = json.loads((tmp_path / "out.json").read_text())
-        assert facts["successes"] >= 1 and facts["stop_reasons"] == {"cleared": 1}, said
+        assert facts["successes"] >= 1 and set(facts["stop_reasons"]) <= {"cleared", "no grasp"}, said
         assert "states lost" in said
         assert (tmp_path / "calibration" / "panda-speed.yaml").exists()
     finally:

@@ -20,6 +20,8 @@ START_TIMEOUT = 60.0
 """A peer must listen within this [s]; it compiles its model first."""
 OBJECT_WIDTH = 0.04
 """franka-sim has something this wide between its fingers [m]."""
+WRIST, STEADY_WRIST = 'armature="0.074"', 'armature="0.2"'
+"""franka-sim's damping is too strong for the wrist of franky-sim's model: it would chatter at +-0.077 rad/s."""
 _taken = 0
 
 
@@ -119,7 +121,7 @@ def _model() -> Path:
     spec = importlib.util.find_spec("franky_sim")
     assert spec is not None and spec.origin is not None
     assets = Path(spec.origin).parent / "assets"
-    folder = Path(tempfile.gettempdir()) / f"evg-fr3-model-{os.getuid()}"
+    folder = Path(tempfile.gettempdir()) / f"evg-fr3-steady-{os.getuid()}"
     if not (folder / "fr3.xml").exists():
         folder.mkdir(exist_ok=True)
         if not (folder / "assets").exists():
@@ -127,7 +129,9 @@ def _model() -> Path:
         text = (assets / "fr3.xml").read_text()
         hand = '<body name="hand" pos="0 0 0.107"'
         assert hand in text
-        (folder / "part").write_text(text.replace(hand, f'<body name="fr3_link8" pos="0 0 0.107"/>{hand}'))
+        text = text.replace(hand, f'<body name="fr3_link8" pos="0 0 0.107"/>{hand}')
+        assert WRIST in text
+        (folder / "part").write_text(text.replace(WRIST, STEADY_WRIST))
         (folder / "part").rename(folder / "fr3.xml")
     return folder / "fr3.xml"
 
