@@ -4,6 +4,7 @@ Only what needs USB is replaced (the device list, the choice of a device, the ha
 options and recording are librealsense's.
 """
 
+import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,12 +111,16 @@ class Setup:
     bus: Bus
     serial: str = ""
     streams: tuple = ()
+    record_to: str = ""
 
     def enable_device(self, serial):
         self.serial = serial
 
     def enable_stream(self, *stream):
         self.streams += (stream,)
+
+    def enable_record_to_file(self, path):
+        self.record_to = path
 
     def resolve(self, pipeline):
         if self.bus.refuse:
@@ -150,6 +155,7 @@ class Pipeline:
 
     def __init__(self, bus):
         self._bus, self._real = bus, rs.pipeline()
+        self._file, self._record_to = None, ""
 
     def __getattr__(self, name):
         return getattr(self._real, name)
@@ -157,11 +163,14 @@ class Pipeline:
     def stop(self):
         time.sleep(self._bus.hang_s)
         self._real.stop()
+        if self._record_to:
+            shutil.copy(self._file, self._record_to)
 
     def start(self, setup):
         file = self._bus.files.pop(0) if len(self._bus.files) > 1 else self._bus.files[0]
         if isinstance(file, Exception):
             raise file
+        self._file, self._record_to = file, setup.record_to
         self._bus.started.append((setup.serial, setup.streams, file))
         real = rs.config()
         real.enable_device_from_file(str(file), file.stem != "once")

@@ -132,6 +132,13 @@ def test_record_refuses_a_file_that_it_cannot_make(name, tmp_path, capsys):
     assert ".db3" in capsys.readouterr().err
 
 
+def test_what_was_recorded_can_be_looked_at(bus, tmp_path, capsys):
+    target = tmp_path / "a.db3"
+    assert main(["camera", "record", str(target), "--serial", "77", "--seconds", "0.5"]) == 0
+    out = capsys.readouterr().out
+    assert target.is_file() and f"--replay {target}" in out and "merged frames seen" in out
+
+
 def test_doctor_judges_a_camera_from_its_link_to_the_table(bus, lab, tmp_path, capsys):
     target = tmp_path / "d.json"
     code = main(["doctor", "--camera", "--serial", "77", "--config-dir", str(lab), "--json", str(target)])

@@ -97,7 +97,7 @@ class Link:
         self._playback = None if recording is None else profile.get_device().as_playback()
         self._align = rs.align(rs.stream.depth) if self.streams.color is not None else None
         self._smoothing = smoothing(rs, config)
-        self._mapper: StampMapper | None = None
+        self._mappers: dict[Timebase, StampMapper] = {}
         self._pending: Any = None
         self._delivered: tuple[int, float] | None = None
         self.dropped = 0
@@ -144,12 +144,11 @@ class Link:
         return bool(apart <= IN_STEP * self.streams.period)
 
     def _stamp(self, depth: Any) -> float:
-        if self._mapper is None:
-            device = depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock
-            base = Timebase.RECORDED if self._recording else Timebase.DEVICE if device else Timebase.EPOCH
-            self._mapper = StampMapper(base, self._epoch)
+        own = depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock
+        base = Timebase.RECORDED if self._recording else Timebase.DEVICE if own else Timebase.EPOCH
+        mapper = self._mappers.setdefault(base, StampMapper(base, self._epoch))  # the first frames may lack global time
         lead = exposure_lead(self._rs, depth, self.streams.period)
-        return self._mapper.stamp(depth.timestamp * 1e-3, self._clock.now(), lead)
+        return mapper.stamp(depth.timestamp * 1e-3, self._clock.now(), lead)
 
     def depth(self, shot: Shot) -> NDArray[np.uint16]:
         """Raw depth of a shot, smoothed when the config asks for it; 0 outside of the measuring range. Shape (H, W)."""
