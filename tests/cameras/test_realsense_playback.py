@@ -273,3 +273,12 @@ def test_truncated_recording_is_bad_input(table_recording, tmp_path):
     path.write_bytes(table_recording.read_bytes()[: table_recording.stat().st_size // 2])
     with pytest.raises(BadInput, match="cannot be played"):
         opened(path).__enter__()
+
+
+def test_camera_that_is_not_open_gives_no_frame_and_can_be_opened_again(table_recording):
+    camera = opened(table_recording)
+    for _ in range(2):
+        with pytest.raises(HardwareError, match="not open"):
+            camera.capture(after=0.0, timeout=1.0)
+        with camera:
+            camera.capture(after=0.0, timeout=3.0)

@@ -94,3 +94,12 @@ def test_file_that_is_no_attempt_is_named(tmp_path):
     (tmp_path / "a.npz").write_bytes(b"nothing")
     with pytest.raises(BadInput, match=r"a\.npz is not an attempt"):
         open_replay(CONFIG, tmp_path).__enter__()
+
+
+def test_replay_that_is_not_open_gives_no_frame(run_folder):
+    camera = open_replay(CONFIG, run_folder)
+    for _ in range(2):
+        with pytest.raises(HardwareError, match="not open"):
+            camera.capture(after=0.0, timeout=1.0)
+        with camera:
+            camera.capture(after=0.0, timeout=1.0)

@@ -11,7 +11,7 @@ from evg_app.cameras.realsense.devices import CameraInfo
 from evg_app.cameras.realsense.start import Recording
 from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
-from evg_app.errors import BadInput, DeviceTimeout
+from evg_app.errors import BadInput, DeviceTimeout, HardwareError
 from evg_app.geometry import Array
 from evg_app.types import Frame, Intrinsics
 
@@ -38,15 +38,17 @@ class RealSenseCamera:
     ) -> None:
         self._config, self._clock = config, clock
         self._connection = Connection(config, clock, report, serial, recording, record_to, sdk)
-        self._count = 0
+        self._count, self._entered = 0, False
 
     def __enter__(self) -> Self:
         self._connection.open()
+        self._entered = True
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._entered = False
         self._connection.close()
 
     @property
@@ -95,6 +97,7 @@ class RealSenseCamera:
             DeviceTimeout: no such frame arrived.
             HardwareError: the camera left USB, the recording has ended, or the stream cannot be started.
         """
+        self._require_entered()
         deadline = self._clock.now() + timeout
         first = shot = self._connection.fresh(after, deadline, timeout)
         link, shots = self._connection.link, self._config.realsense.average_frames
@@ -118,6 +121,7 @@ class RealSenseCamera:
         Raises:
             BadInput: there is no colour stream.
         """
+        self._require_entered()
         deadline = self._clock.now() + timeout
         while True:
             shot = self._connection.fresh(after, deadline, timeout)
@@ -128,3 +132,7 @@ class RealSenseCamera:
             if color is not None:
                 self._count += 1
                 return ColorImage(color, link.streams.color, shot.stamp, stream.frame_id, self._count)
+
+    def _require_entered(self) -> None:
+        if not self._entered:
+            raise HardwareError(f"camera '{self._config.name}' is not open: use it in a `with` block")
