@@ -166,6 +166,20 @@ def check_robot() -> Iterator[Finding]:
     yield Finding("robot over ROS 2", "note", f"{setting}{lacks}", mend)
 
 
+def check_realtime() -> Iterator[Finding]:
+    """What the Franka Control Interface asks of this machine; only where its extra is installed."""
+    if importlib.util.find_spec("pylibfranka") is None:
+        return
+    from evg_app.robots.fci.realtime import advice, machine
+
+    found = advice(machine())
+    if not found:
+        yield Finding("real time", "ok", "PREEMPT_RT, priority allowed")
+    for text in found:
+        problem, _, mend = text.partition(". ")
+        yield Finding("real time", "note", problem, mend or "See docs/franka.md")
+
+
 CHECKS = (
     check_python,
     check_libraries,
@@ -176,6 +190,7 @@ CHECKS = (
     check_storage,
     check_camera,
     check_robot,
+    check_realtime,
 )
 
 
