@@ -154,5 +154,3 @@ def test_cancel_reaches_the_arm():
     motion = guarded(arm).execute(way(0.6))
     motion.cancel()
     assert motion._motion.cancels == 1
-
-

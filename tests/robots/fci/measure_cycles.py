@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from fci_motions import end_of
 from fci_peers import OBJECT_WIDTH, PEERS, robot_at, tool_pose_of
 
+from evg_app.errors import EvgError
 from evg_app.geometry import make, rotation_about
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.slower import slowed
@@ -44,22 +45,26 @@ def main(name: str, cycles: int, out: Path) -> None:
     peer = PEERS[name]()
     robot = robot_at(peer.host, robot="fr3")
     planner, rng = MotionPlanner(robot), np.random.default_rng(0)
-    motions, grips, lost, seconds, errors = [], [], 0, [], []
+    motions, grips, lost, seconds, errors, failure = [], [], 0, [], [], ""
     try:
         with FciArm(robot, tool_pose_of(robot)) as arm, FciGripper(robot) as hand:
-            for _ in range(cycles):
-                for goal in (place(planner, rng, arm.state().q), np.array(robot.drop.q_rad)):
-                    way = planner.go_to(arm.state().q, goal)
-                    start = time.monotonic()
-                    motion = arm.execute(slowed(way, SHARE[name]))
-                    result = end_of(motion, 120.0)
-                    seconds.append(time.monotonic() - start)
-                    errors.append(float(np.abs(arm.state().q - goal).max()))
-                    motions.append(result.reached and errors[-1] < GOAL_RAD)
-                    lost += motion.ended.lost
-                    closed = hand.grasp(0.0, 0.1, 30.0, 0.08, 0.08, 20.0)
-                    opened = hand.move(0.08, 0.1, 20.0)
-                    grips.append(closed.success and closed.width < CLOSED_M[name] and opened.width > OPEN_M)
+            try:
+                for _ in range(cycles):
+                    for goal in (place(planner, rng, arm.state().q), np.array(robot.drop.q_rad)):
+                        way = planner.go_to(arm.state().q, goal)
+                        start = time.monotonic()
+                        motion = arm.execute(slowed(way, SHARE[name]))
+                        result = end_of(motion, 120.0)
+                        seconds.append(time.monotonic() - start)
+                        errors.append(float(np.abs(arm.state().q - goal).max()))
+                        motions.append(result.reached and errors[-1] < GOAL_RAD)
+                        lost += motion.ended.lost
+                        closed = hand.grasp(0.0, 0.1, 30.0, 0.08, 0.08, 20.0)
+                        opened = hand.move(0.08, 0.1, 20.0)
+                        grips.append(closed.success and closed.width < CLOSED_M[name] and opened.width > OPEN_M)
+            except EvgError as error:
+                motions.append(False)
+                failure = str(error)
             received, missed, longest = arm.link_quality()
     finally:
         peer.close()
@@ -72,6 +77,7 @@ def main(name: str, cycles: int, out: Path) -> None:
         "goal_error_rad": {"median": float(np.median(errors)), "max": max(errors)},
         "motion_s": {"median": float(np.median(seconds)), "max": max(seconds)},
         "states_lost": {"lost": missed, "of": received + missed, "longest": longest, "in_motions": lost},
+        "ended_early": failure,
         "load_average": os.getloadavg(),
     }
     out.write_text(json.dumps(facts, indent=2) + "\n")
