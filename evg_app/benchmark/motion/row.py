@@ -82,9 +82,9 @@ class SceneRow:
         grasps: how many targets the labels gave.
         targets: reachability.
         cycles: what was executed.
-        scene_ms: times to prepare the observed scene [ms].
-        check_ms: times to check one candidate that reached the test of arm against scene [ms].
-        path_ms: times from a checked candidate to all its timed motions [ms].
+        scene_ms: CPU times to prepare the observed scene [ms].
+        check_ms: CPU times to check one candidate that reached the test of arm against scene [ms].
+        path_ms: CPU times from a checked candidate to all its timed motions [ms].
         git_commit: of the code that ran it.
     """
 

@@ -1,4 +1,4 @@
-"""Wall times of the planner's stages, measured from outside."""
+"""Times of the planner's stages, measured from outside: CPU time, so that other processes do not count."""
 
 import time
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ BEFORE_SCENE = (Verdict.IK, Verdict.JOINT_LIMIT, Verdict.SELF_COLLISION)
 
 @dataclass(frozen=True)
 class StageTimes:
-    """Wall times [ms]; see `SceneRow`."""
+    """CPU times [ms]; see `SceneRow`."""
 
     scene_ms: tuple[float, ...]
     check_ms: tuple[float, ...]
@@ -32,20 +32,20 @@ def timed_stages(
     scene_ms, check_ms, path_ms = [], [], []
     T_base_task = planner.robot.T_base_task.matrix()
     for index in chosen:
-        start = time.perf_counter()
+        start = time.process_time()
         scene = planner.prepared(view, q)
-        prepared = time.perf_counter()
+        prepared = time.process_time()
         legs = planner.free_legs(scene, T_base_task @ targets.T_task_grasp[index], q)
         free = not isinstance(legs, Verdict) and next(legs, None) is not None
-        checked = time.perf_counter()
+        checked = time.process_time()
         scene_ms.append(_ms(start, prepared))
         if not (isinstance(legs, Verdict) and legs in BEFORE_SCENE):
             check_ms.append(_ms(prepared, checked))
         if free:
-            begin = time.perf_counter()
+            begin = time.process_time()
             decision = planner.plan_pick(targets.take(np.array([index])), view, q)
             if decision.pick is not None:
-                path_ms.append(max(_ms(begin, time.perf_counter()) - scene_ms[-1] - check_ms[-1], 0.0))
+                path_ms.append(max(_ms(begin, time.process_time()) - scene_ms[-1] - check_ms[-1], 0.0))
     return StageTimes(tuple(scene_ms), tuple(check_ms), tuple(path_ms))
 
 
