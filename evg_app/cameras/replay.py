@@ -136,7 +136,10 @@ def _attempt_frame(path: Path) -> Frame | None:
 
 
 def recorded_frames(path: Path, config: CameraConfig, clock: Clock, sdk: Any = None) -> Frames:
-    """Every frame of a .db3 recording, as fast as it is asked for, through librealsense's own pipeline."""
+    """Every frame of a .db3 recording, as fast as it is asked for, through librealsense's own pipeline.
+
+    The pipeline begins when each stream has given an image, which may cost the first frame.
+    """
     asked = config.realsense.model_copy(update={"average_frames": 1, "stall_s": READING})
     config = config.model_copy(update={"realsense": asked})
 
