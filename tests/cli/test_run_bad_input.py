@@ -21,7 +21,7 @@ def refused(capsys: pytest.CaptureFixture[str], words: list[str], code: int = 2)
 
 
 def test_unknown_robot_lists_the_known_ones(capsys):
-    assert "available: panda" in refused(capsys, [*SIM, "--robot", "ur5"])
+    assert "available: fr3, panda" in refused(capsys, [*SIM, "--robot", "ur5"])
 
 
 def test_unknown_scene_lists_the_known_ones(capsys):
