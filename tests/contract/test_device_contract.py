@@ -92,21 +92,12 @@ def replay_camera() -> CameraBench:
     return CameraBench(open_replay(load_camera("d435i"), recording(), clock=clock, repeat=True), clock, lambda: None)
 
 
-@cache
-def peer_of_ros2():
-    """Action servers on a PyBullet arm in another process."""
-    from ros2_peer import PeerProcess, isolate
-
-    isolate()
-    peer = PeerProcess()
-    atexit.register(peer.close)
-    return peer
-
-
 def ros2() -> Bench:
+    from ros2_peer import shared_peer
+
     from evg_app.robots.ros2 import open_robot
 
-    peer_of_ros2().ask("home")
+    shared_peer().ask("home")
     opened = open_robot(load_robot("panda"))
     return Bench(opened.arm, opened.gripper, opened.clock, lambda: None)
 

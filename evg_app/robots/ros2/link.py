@@ -12,8 +12,8 @@ from evg_app.robots.ros2.interfaces import rclpy
 T = TypeVar("T")
 SPIN_S = 0.1
 """How long the executor waits at most before it looks whether it should end [s]."""
-PAUSE_S = 0.002
-"""Pause after each callback [s]: two topics at 1 kHz would keep a core busy, but only their latest message counts."""
+WINDOW_S, WINDOW_CALLBACKS = 0.01, 5
+"""At most so many callbacks in such a time [s]: topics at 1 kHz would keep a core busy, but only the latest counts."""
 CALL_TIMEOUT_S = 5.0
 """How long a call on the executor's thread may take; it only hands things to the middleware [s]."""
 
@@ -75,10 +75,15 @@ class Link:
         self._thread.start()
 
     def _spin(self) -> None:
+        window, left = self.clock.now() + WINDOW_S, WINDOW_CALLBACKS
         while not self._ending.is_set():
             try:
                 self._executor.spin_once(timeout_sec=SPIN_S)
-                self._ending.wait(PAUSE_S)
+                left -= 1
+                if left <= 0:
+                    self._ending.wait(max(0.0, window - self.clock.now()))
+                if self.clock.now() >= window:
+                    window, left = self.clock.now() + WINDOW_S, WINDOW_CALLBACKS
             except Exception as error:
                 if not self._ending.is_set():
                     self._failure = error

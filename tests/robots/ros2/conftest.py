@@ -9,18 +9,15 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "peer"))
 
-from ros2_peer import PeerProcess, isolate
+from ros2_peer import PeerProcess, isolate, shared_peer
 
 from evg_app.config.files import load_robot
 from evg_app.robots.ros2 import Ros2Robot, open_robot
 
 
 @pytest.fixture(scope="session")
-def running() -> Iterator[PeerProcess]:
-    isolate()
-    peer = PeerProcess()
-    yield peer
-    peer.close()
+def running() -> PeerProcess:
+    return shared_peer()
 
 
 @pytest.fixture

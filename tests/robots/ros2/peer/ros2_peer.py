@@ -1,5 +1,7 @@
 """The test's end of the peer: starts it, talks to it beside ROS, and makes sure that it is gone afterwards."""
 
+import atexit
+import functools
 import os
 import random
 import signal
@@ -20,6 +22,15 @@ def isolate() -> None:
     if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE") != "LOCALHOST" or "ROS_DOMAIN_ID" not in os.environ:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 100))
+
+
+@functools.cache
+def shared_peer() -> "PeerProcess":
+    """The one peer of this process's domain."""
+    isolate()
+    peer = PeerProcess()
+    atexit.register(peer.close)
+    return peer
 
 
 class PeerProcess:
