@@ -4,6 +4,8 @@ All of it turns with the scene: the lattices are symmetric about the workspace's
 a voxel is that of its image in the first quadrant, turned with it.
 """
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,7 @@ BLOCKS = GRID_SIZE // 2
 would not be symmetric about the centre.)"""
 
 Indices = NDArray[np.intp]
+Value = TypeVar("Value", bound=np.generic)
 
 
 def voxel_points(index: Indices) -> NDArray[np.float32]:
@@ -45,8 +48,8 @@ def block_of(index: Indices) -> Indices:
     return np.asarray((i * BLOCKS + j) * BLOCKS + k)
 
 
-def voxels_of(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """All voxels of some blocks. (20, 20, 20) -> (40, 40, 40)."""
+def voxels_of(blocks: NDArray[Value]) -> NDArray[Value]:
+    """Every voxel with the value of its block, e.g. whether it was chosen. (20, 20, 20) -> (40, 40, 40)."""
     return blocks.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
 
 

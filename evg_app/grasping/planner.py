@@ -197,11 +197,12 @@ class GraspPlanner:
         else:
             coarse = np.flatnonzero(lattice.blocks_with(mask))
             answers = self._graspness(field, coarse, lattice.BLOCKS)
+            blocks = np.zeros((lattice.BLOCKS,) * 3, dtype=np.float32)
+            blocks.ravel()[coarse] = answers
+            volume = lattice.voxels_of(blocks)  # what smoothing takes for the voxels that are not asked
             chosen = np.zeros((lattice.BLOCKS,) * 3, dtype=np.bool_)
             chosen.ravel()[coarse[selection.best(answers, self.config.blocks)]] = True
-            mask = mask & lattice.voxels_of(chosen)
-            fine = np.flatnonzero(mask)
-            volume = np.zeros((GRID_SIZE,) * 3, dtype=np.float32)
+            fine = np.flatnonzero(mask & lattice.voxels_of(chosen))
             volume.ravel()[fine] = self._graspness(field, fine, GRID_SIZE)
         smoothed = selection.smooth(volume, mask, self.config.sigma).ravel()[fine]
         if self.config.dense:
