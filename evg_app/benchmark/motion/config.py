@@ -11,7 +11,7 @@ from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
 from evg_app.errors import BadInput
 from evg_app.simulation.recipes import KINDS
 
-PROTOCOL = 1
+PROTOCOL = 2
 """Number of the protocol's implementation: scenes of different numbers are not mixed."""
 
 

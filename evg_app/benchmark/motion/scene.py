@@ -139,7 +139,7 @@ class _Cycles:
             decision = planner.plan_pick(grasps, observed.view, q, max_examined=len(grasps))
             arm = f"{OBSERVED} {policy}"
             if before is not None and decision.pick is not None and _equal(before[0], decision.pick):
-                self.done.append(replace(before[1], arm=arm))
+                self.done.append(replace(before[1], arm=arm, still=None, moved=None))
                 continue
             self._execute(arm, owner, decision, observed)
             before = None if decision.pick is None else (decision.pick, self.done[-1])
