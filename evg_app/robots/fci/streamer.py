@@ -32,8 +32,8 @@ from evg_app.robots.fci.shared import Orders, StateBlock, StateWriter
 
 CHECK_EVERY = 20
 """Cycles between two looks at whether the application still lives."""
-SETTLE_S, SETTLED_RAD_S = 0.5, 0.01
-"""After a motion the arm may take this long [s] to come below this speed [rad/s]."""
+SETTLE_CYCLES, SETTLED_RAD_S = 500, 0.01
+"""After a motion the arm may take so many of the controller's cycles to come below this speed [rad/s]."""
 MODES = ("Other", "Idle", "Move", "Guiding", "Reflex", "UserStopped", "AutomaticErrorRecovery")
 """libfranka's robot modes; the index is what is published."""
 IDLE, REFLEX, USER_STOPPED = 1, 4, 5
@@ -259,12 +259,12 @@ class Link:
 
     def _settle(self, goal: Array) -> float:
         """Wait until the arm is at rest; its largest distance to the goal [rad]."""
-        end, still = time.monotonic() + SETTLE_S, 0
-        while True:
+        still = 0
+        for _ in range(SETTLE_CYCLES):
             state = self._robot.read_once()
             self.publish(state, moving=True)
             still = still + 1 if max(abs(v) for v in state.dq) < SETTLED_RAD_S else 0
-            if still >= 5 or time.monotonic() > end:
+            if still >= 5:
                 break
         self.publish(state)
         return float(np.abs(np.array(state.q) - goal).max())
