@@ -1,10 +1,16 @@
 """`evg-app generate`: labelled scenes for training."""
 
 import argparse
-import logging
+import time
+from datetime import timedelta
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evg_app.cli.console import say
+
+if TYPE_CHECKING:
+    from evg_app.learning.generate import ShardReport
+    from evg_app.learning.verification import Agreement
 
 SUMMARY = "generate labelled scenes for training"
 
@@ -42,7 +48,6 @@ def run(args: argparse.Namespace) -> int:
         return _from_trials(args)
     from evg_app.learning.generate import GenerateConfig, generate
 
-    logging.getLogger("evg_app").setLevel(logging.INFO)
     config = GenerateConfig(
         seed=args.seed,
         scenes=args.scenes,
@@ -51,8 +56,43 @@ def run(args: argparse.Namespace) -> int:
         weights=str(args.weights) if args.weights else None,
         proposals=args.proposals,
     )
-    generate(config, args.out, args.workers)
+    course = _Course()
+    made = generate(config, args.out, args.workers, course)
+    say(f"{made} of {config.shards} shards made in {args.out}; the others were there")
+    if made:
+        say(course.agreement())
     return 0
+
+
+class _Course:
+    """Says of every shard what is in it, how fast it goes and how long the rest will take."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._scenes = 0
+        self._cpu = 0.0
+        self._agreements: list[Agreement] = []
+
+    def __call__(self, report: "ShardReport", done: int, shards: int) -> None:
+        from evg_app.learning.verification import as_text
+
+        self._scenes += report.scenes
+        self._cpu += report.cpu_s
+        self._agreements.append(report.agreement)
+        seconds = time.monotonic() - self._start
+        left = timedelta(seconds=round(seconds / done * (shards - done)))
+        say(
+            f"{done}/{shards} {report.name}: {report.positives} positives, {report.slips} slips, "
+            f"{report.collisions} collisions; {self._scenes / seconds:.2f} scenes/s, "
+            f"{self._cpu / self._scenes:.2f} CPU-s a scene, {left} left"
+        )
+        say(f"    agree with physics: {as_text(report.agreement)}")
+
+    def agreement(self) -> str:
+        """How all labels that physics tried fared."""
+        from evg_app.learning.verification import as_text, total
+
+        return f"labels that agree with physics: {as_text(total(self._agreements))}"
 
 
 def _from_trials(args: argparse.Namespace) -> int:

@@ -4,25 +4,25 @@ import hashlib
 import json
 import logging
 import multiprocessing
+import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.errors import BadInput
-from evg_app.learning.labels import Kind, LabelledGrasps, WithContact, balance, sample_and_label, with_contact
-from evg_app.learning.proposals import judge_proposals, propose, try_all
+from evg_app.learning.labels import Kind, balance, sample_and_label, with_contact
+from evg_app.learning.pools import draw_objects, object_pools
+from evg_app.learning.proposals import judge_proposals, propose
 from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
 from evg_app.learning.solids import SceneSolids, Solid
 from evg_app.learning.surface import half_spaces, sample_occupancy, sample_surface
+from evg_app.learning.verification import Agreement, agreement, verify
 from evg_app.learning.views import draw_views, scene_grids
-from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.meshes import hull
-from evg_app.simulation.objects import ObjectModel, objects_from_folder
 from evg_app.simulation.rendering import SceneCaster
 from evg_app.simulation.scenes import Poisson, SceneError, SceneRecipe, generate_scene_state
 from evg_app.simulation.state import SceneObject, SceneState
@@ -35,8 +35,6 @@ VALIDATION_EVERY = 20
 """Shards 0, 20, 40 ... hold scenes of validation objects only; the others of training objects only."""
 LABEL_RULE = 3
 """Number of the labelling rule; part of what identifies a data set."""
-VALIDATION_SHARE = 46
-"""Of 256: share of object names held out for validation."""
 
 
 @dataclass(frozen=True)
@@ -88,28 +86,65 @@ class GenerateConfig:
         return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def is_validation(name: str) -> bool:
-    """Whether an object of this name is held out for validation, in whatever folder it lies."""
-    return hashlib.sha256(name.encode()).digest()[1] < VALIDATION_SHARE
+@dataclass(frozen=True)
+class ShardReport:
+    """What is in a shard that was just made.
+
+    Attributes:
+        name: of its file.
+        scenes, positives, slips, collisions: how many.
+        cpu_s: what it took [s of one core].
+        agreement: of its labels with physics.
+    """
+
+    name: str
+    scenes: int
+    positives: int
+    slips: int
+    collisions: int
+    cpu_s: float
+    agreement: Agreement
 
 
-def generate(config: GenerateConfig, out: Path, workers: int = 1) -> int:
+def generate(
+    config: GenerateConfig,
+    out: Path,
+    workers: int = 1,
+    progress: Callable[[ShardReport, int, int], None] = lambda report, done, shards: None,
+) -> int:
     """Write the missing shards of `config` to `out`; a corrupt one is named and made again. Returns how many were made.
+
+    `progress` is told of every shard, with how many of how many are done. Interrupted, the shards under way are lost.
 
     Raises:
         BadInput: an objects folder or `out` cannot be used, or `out` holds shards of another config.
     """
-    object_pools(config, False)
+    object_pools(config.packed_folders, config.pile_folders, False)
     missing = [k for k in range(config.shards) if not _is_done(out / shard_name(k), config)]
-    log.info("%d of %d shards to make in %s, %d worker(s)", len(missing), config.shards, out, workers)
     jobs = [(config, out, k) for k in missing]
-    if workers <= 1:
-        for job in jobs:
-            make_shard(*job)
-        return len(missing)
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        pool.starmap(make_shard, jobs, chunksize=1)
+    for number, report in enumerate(_made(jobs, workers), start=1):
+        progress(report, number, len(jobs))
     return len(missing)
+
+
+Job = tuple[GenerateConfig, Path, int]
+
+
+def _made(jobs: list[Job], workers: int) -> Iterator[ShardReport]:
+    """The shards' reports as they are made."""
+    if workers <= 1:
+        yield from (_make(job) for job in jobs)
+        return
+    with multiprocessing.get_context("spawn").Pool(workers, _leave_interrupts_to_the_parent) as pool:
+        yield from pool.imap_unordered(_make, jobs)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _make(job: Job) -> ShardReport:
+    return make_shard(*job)
 
 
 def shard_name(index: int) -> str:
@@ -117,55 +152,35 @@ def shard_name(index: int) -> str:
     return f"shard_{index:05d}.npz"
 
 
-def make_shard(config: GenerateConfig, out: Path, index: int) -> None:
+def make_shard(config: GenerateConfig, out: Path, index: int) -> ShardReport:
     """Generate and write shard `index`."""
-    start, cpu = time.time(), time.process_time()
+    cpu = time.process_time()
     validation = index % VALIDATION_EVERY == 0
     units = range(index * SHARD_SIZE, (index + 1) * SHARD_SIZE)
     scenes = [make_scene(config, unit, validation) for unit in units]
     agreed = agreement([check for scene in scenes for check in scene.verified])
-    meta = {
-        "config": asdict(config),
-        "digest": config.digest(),
-        "validation": validation,
-        "cpu_s": time.process_time() - cpu,
-        "agreement": agreed,
-    }
-    write_shard(out / shard_name(index), scenes, meta)
+    used = time.process_time() - cpu
+    meta = {"config": asdict(config), "digest": config.digest(), "validation": validation, "cpu_s": used}
+    write_shard(out / shard_name(index), scenes, meta | {"agreement": agreed})
     counts = np.bincount(np.concatenate([s.kind for s in scenes]), minlength=3)
-    log.info(
-        "%s: %d scenes%s, %d positives, %d slips, %d collisions, %.2f CPU-s and %.2f s per scene; physics agrees: %s",
-        shard_name(index),
-        len(scenes),
-        " (validation)" if validation else "",
-        counts[Kind.POSITIVE],
-        counts[Kind.SLIP],
-        counts[Kind.COLLISION],
-        (time.process_time() - cpu) / len(scenes),
-        (time.time() - start) / len(scenes),
-        ", ".join(f"{name} {good}/{tried}" for name, (good, tried) in agreed.items()),
+    return ShardReport(
+        name=shard_name(index),
+        scenes=len(scenes),
+        positives=int(counts[Kind.POSITIVE]),
+        slips=int(counts[Kind.SLIP]),
+        collisions=int(counts[Kind.COLLISION]),
+        cpu_s=used,
+        agreement=agreed,
     )
-
-
-def agreement(checks: Sequence[tuple[int, int, int, int]]) -> dict[str, tuple[int, int]]:
-    """For each kind of label, and for labels with contact allowed: (agreed with physics, tried)."""
-    table = np.array(checks, dtype=np.int64).reshape(-1, 4)
-    said, found, said_contact, found_contact = table.T
-    answer = {k.name.lower(): said == k for k in Kind}
-    counts = {name: (int((found[of] == said[of]).sum()), int(of.sum())) for name, of in answer.items()}
-    for name, value in (("holds_with_contact", WithContact.HOLDS), ("fails_with_contact", WithContact.FAILS)):
-        of = (said_contact == value) & (said == Kind.COLLISION)
-        counts[name] = (int((found_contact[of] == value).sum()), int(of.sum()))
-    return counts
 
 
 def make_scene(config: GenerateConfig, unit: int, validation: bool) -> SceneSample:
     """Scene number `unit`: physics, labels, occupancy and noisy views. Scenes that do not settle are drawn again."""
-    pools = object_pools(config, validation)
+    pools = object_pools(config.packed_folders, config.pile_folders, validation)
     for attempt in range(20):
         rng = np.random.default_rng([config.seed, unit, attempt])
         kind = str(rng.choice(["packed", "pile", "adversarial"], p=config.kinds))
-        objects = _draw_objects(pools, kind, rng)
+        objects = draw_objects(pools, kind, rng)
         recipe = SceneRecipe(kind, Poisson(config.mean_objects))
         try:
             state = generate_scene_state(recipe, objects, int(rng.integers(2**31)))
@@ -195,7 +210,7 @@ def _sample(config: GenerateConfig, state: SceneState, name: str, rng: np.random
     positives = labelled.T_task_grasp[labelled.kind == Kind.POSITIVE, :3, 3]
     chosen = balance(labelled, config.grasps, config.slip_share, rng)
     contact = with_contact(scene, chosen)
-    chosen, contact, checks = _verify(state, chosen, contact, config.verified, rng)
+    chosen, contact, checks = verify(state, chosen, contact, config.verified, rng)
     points, occupied = sample_occupancy(surface, planes, config.points, rng)
     views = draw_views(rng)
     grids = quantise(scene_grids(SceneCaster(state), views, rng))
@@ -224,61 +239,10 @@ def _sample(config: GenerateConfig, state: SceneState, name: str, rng: np.random
     )
 
 
-def _verify(
-    state: SceneState,
-    grasps: LabelledGrasps,
-    contact: NDArray[np.uint8],
-    share: float,
-    rng: np.random.Generator,
-) -> tuple[LabelledGrasps, NDArray[np.uint8], tuple[tuple[int, int, int, int], ...]]:
-    """Try a share of the grasps in physics, whose word counts; and for each what was said and what was found."""
-    chosen = rng.permutation(len(grasps.kind))[: round(share * len(grasps.kind))]
-    tried, found = try_all(state, grasps.T_task_grasp[chosen])
-    checks = tuple(
-        (int(a), int(b), int(c), int(d))
-        for a, b, c, d in zip(grasps.kind[chosen], tried.kind, contact[chosen], found, strict=True)
-    )
-    kind, width, contact = grasps.kind.copy(), grasps.width.copy(), contact.copy()
-    kind[chosen], contact[chosen] = tried.kind, found
-    width[chosen] = np.where(tried.kind == Kind.POSITIVE, tried.width, 0.08)
-    return LabelledGrasps(grasps.T_task_grasp, kind, width, grasps.owner), contact, checks
-
-
 def _placement(thing: SceneObject) -> tuple[str, float, tuple[float, ...]]:
     """Which object it is ("parent/folder/name"), its scale, and the rows of its pose rounded to a micrometre."""
     pose = tuple(round(float(x), 6) for x in thing.T_task_object[:3].ravel())
     return f"{thing.urdf.parent.parent.name}/{thing.urdf.parent.name}/{thing.name}", round(thing.scale, 6), pose
-
-
-Pools = dict[str, list[tuple[ObjectModel, ...]]]
-
-
-@lru_cache(maxsize=4)
-def object_pools(config: GenerateConfig, validation: bool) -> Pools:
-    """For each scene kind the object sets to draw from: built-in first, then the folders' (where there are any).
-
-    Raises:
-        BadInput: a folder cannot be used.
-    """
-
-    def half(objects: Sequence[ObjectModel]) -> tuple[ObjectModel, ...]:
-        return tuple(o for o in objects if is_validation(o.name) == validation)
-
-    builtin = half(builtin_objects("train"))
-    packed = half([o for f in config.packed_folders for o in objects_from_folder(Path(f))])
-    pile = half([o for f in config.pile_folders for o in objects_from_folder(Path(f))])
-    return {
-        kind: [tuple(o for o in builtin if kind in o.kinds), *([extra] if extra else [])]
-        for kind, extra in (("packed", packed), ("pile", pile), ("adversarial", ()))
-    }
-
-
-def _draw_objects(pools: Pools, kind: str, rng: np.random.Generator) -> tuple[ObjectModel, ...]:
-    """One set of objects for a scene: built-in, from folders, or (one in ten) both."""
-    sets = pools[kind]
-    if len(sets) > 1 and rng.random() < 0.1:
-        return tuple(o for s in sets for o in s)
-    return sets[int(rng.integers(len(sets)))]
 
 
 def _is_done(path: Path, config: GenerateConfig) -> bool:

@@ -29,7 +29,7 @@ SLIPS_HELD, COLLISIONS_HELD = 0.35, 0.05
 GRID_TOLERANCE = 0.009
 """1 mm depth steps against exact depth, in grid values (60 mm each), at any voxel of the band."""
 
-CONFIG = GenerateConfig(seed=3, scenes=2, candidates=600, grasps=30, points=512, mean_objects=1.0)
+CONFIG = GenerateConfig(seed=3, scenes=2, candidates=600, grasps=30, points=512, mean_objects=1.0, verified=0.05)
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +46,9 @@ def test_scene_is_a_pure_function_of_config_and_unit() -> None:
 
 
 def test_generate_resumes_and_replaces_a_corrupt_shard(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    assert generate(CONFIG, tmp_path) == 2
+    seen: list[tuple[str, int, int]] = []
+    assert generate(CONFIG, tmp_path, 1, lambda report, done, of: seen.append((report.name, done, of))) == 2
+    assert seen == [(shard_name(0), 1, 2), (shard_name(1), 2, 2)]
     assert generate(CONFIG, tmp_path) == 0
     second = tmp_path / shard_name(1)
     whole = second.read_bytes()
@@ -55,6 +57,13 @@ def test_generate_resumes_and_replaces_a_corrupt_shard(tmp_path: Path, caplog: p
         assert generate(CONFIG, tmp_path) == 1
     assert shard_name(1) in caplog.text
     assert read_shard(second)[0][0].name.endswith("/1")
+
+
+def test_a_share_of_the_labels_is_tried_in_physics_and_counted(tmp_path: Path) -> None:
+    generate(CONFIG, tmp_path)
+    scenes, meta = read_shard(tmp_path / shard_name(0))
+    tried = sum(n for name, (_, n) in meta["agreement"].items() if not name.endswith("contact"))
+    assert tried == len(scenes[0].verified) == round(CONFIG.verified * len(scenes[0].kind))
 
 
 def test_folder_of_another_config_is_refused(tmp_path: Path) -> None:

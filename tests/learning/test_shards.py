@@ -10,8 +10,8 @@ import torch
 from evg_app.errors import BadInput
 from evg_app.learning.batches import Batch, BatchSizes, draw, draw_batch
 from evg_app.learning.dataset import SceneStore
-from evg_app.learning.generate import GenerateConfig, is_validation, object_pools
 from evg_app.learning.labels import Kind, WithContact
+from evg_app.learning.pools import is_validation, object_pools
 from evg_app.learning.shards import CorruptShard, SceneSample, quantise, read_shard, write_shard
 from evg_app.learning.tables import GRASPS, NO_KIND, SceneTable, table_of
 
@@ -177,8 +177,7 @@ def test_negatives_near_a_positive_do_not_count_for_graspness() -> None:
 
 
 def test_no_object_is_in_both_splits() -> None:
-    config = GenerateConfig()
-    train, validation = object_pools(config, False), object_pools(config, True)
+    train, validation = object_pools((), (), False), object_pools((), (), True)
     names = [{o.name for pools in side.values() for objects in pools for o in objects} for side in (train, validation)]
     assert names[0] and names[1] and not names[0] & names[1]
     assert all(is_validation(n) for n in names[1]) and not any(is_validation(n) for n in names[0])

@@ -11,7 +11,7 @@ from evg_app.errors import BadInput, UnknownName
 from evg_app.grasping.load import load_planner
 from evg_app.grasping.planner import PlannerConfig
 from evg_app.grasping.protocol import Planner
-from evg_app.learning.generate import is_validation
+from evg_app.learning.pools import is_validation
 from evg_app.simulation.builtin import builtin_objects
 from evg_app.simulation.noise import NOISE_MODELS
 from evg_app.simulation.objects import ObjectModel, objects_from_folder, of_kind
