@@ -24,6 +24,10 @@ MAX_LEGS = 4
 """Executions of one grasp for which free paths are looked for."""
 
 
+DETOUR = 1.3
+"""Other executions are tried when a plan takes longer than this times what the straight way would."""
+
+
 class Finisher:
     """Completes picks. Pure: equal inputs give equal plans."""
 
@@ -35,7 +39,7 @@ class Finisher:
     def plan(
         self, legs: Iterator[Leg], scene: Scene, T_base_grasp: Array, width: float, q_start: Array, search: bool
     ) -> tuple[Leg, PickPlan] | Verdict:
-        """The first of the legs that can be completed, with the whole object in hand, else with a shorter one.
+        """The legs completed, with the whole object in hand or else a shorter one: the first that needs no long detour.
 
         Args:
             legs: free executions of one grasp, cheapest first.
@@ -52,11 +56,16 @@ class Finisher:
         tips = T_base_grasp[:3, 3] + self._tip * T_base_grasp[:3, 2]
         short = whole.shortened(float(scene.table.height(tips)))
         seen: list[Leg] = []
+        best: tuple[Leg, PickPlan] | None = None
         for leg in islice(chain([first], legs), MAX_LEGS):
             seen.append(leg)
             plan = self._complete(leg, whole, scene, q_start, False)
-            if plan is not None:
-                return leg, plan
+            if plan is not None and (best is None or plan.cycle < best[1].cycle):
+                best = (leg, plan)
+            if best is not None and best[1].cycle < DETOUR * leg.cost:
+                return best
+        if best is not None:
+            return best
         rest = [(leg, short, False) for leg in seen]
         if search:
             rest += [(seen[0], held, True) for held in (whole, short)]

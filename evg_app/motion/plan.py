@@ -28,6 +28,12 @@ class PickPlan:
     retreat: Trajectory
     back: Trajectory
 
+    @property
+    def cycle(self) -> float:
+        """Time of the motions of a pick that holds something [s]."""
+        parts = (self.reach, self.approach, self.lift, self.transport, self.back)
+        return float(sum(part.duration for part in parts))
+
 
 @dataclass(frozen=True)
 class PickDecision:

@@ -58,6 +58,7 @@ def _sample(path: JointPath, timing: Timing, robot: RobotConfig) -> Trajectory:
     s[-1], ds[-1], dds[-1] = path.length, 0.0, 0.0
     s = np.clip(s, 0.0, path.length)
     q, d1, d2 = (path.at(s, n) for n in (0, 1, 2))
+    q[0], q[-1] = path.waypoints[0], path.waypoints[-1]
     dq = d1 * ds[:, None]
     ddq = d2 * (ds**2)[:, None] + d1 * dds[:, None]
     return Trajectory(tuple(robot.joints), DT, q, dq, ddq)
