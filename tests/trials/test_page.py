@@ -2,8 +2,10 @@
 
 import argparse
 import re
+import shutil
 import time
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 from big_log import big_log
@@ -48,14 +50,20 @@ class Outline(HTMLParser):
             self.headings.append(data)
 
 
-@pytest.fixture
-def run(tmp_path):
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page") / "run"
     lab = Lab(script="SFSMFFSSFF" * 4, objects=5)
     config = {"robot": {"name": "<b>evil & co</b>"}, "calibration": {"T": [1, 2]}}
-    with Recorder(tmp_path / "run", config, {"git_commit": "c0ffee", "packages": {"numpy": "2"}}) as recorder:
+    with Recorder(folder, config, {"git_commit": "c0ffee", "packages": {"numpy": "2"}}) as recorder:
         lab.listeners.append(recorder)
         lab.run(rounds=4)
-    return tmp_path / "run"
+    return folder
+
+
+@pytest.fixture
+def run(recorded, tmp_path):
+    return Path(shutil.copytree(recorded, tmp_path / "run"))
 
 
 def outline(text: str) -> Outline:

@@ -24,10 +24,10 @@ def test_peeking_with_fisher_instead_would_raise_false_alarms():
     from evg_app.trials.compare import fisher
 
     rng, alarms = np.random.default_rng(1), 0
-    for _ in range(60):
+    for _ in range(40):
         a, b = (rng.random((2, 200)) < 0.8).cumsum(axis=1)
         alarms += any(fisher(int(a[n - 1]), n, int(b[n - 1]), n) <= 0.05 for n in range(10, 201, 10))
-    assert alarms / 60 > 0.08
+    assert alarms / 40 > 0.08
 
 
 def test_different_rates_are_found_and_the_run_may_stop_early():

@@ -157,7 +157,9 @@ def test_a_log_of_a_newer_program_is_refused(tmp_path):
         summary(tmp_path / "run")
 
 
-def test_the_comparison_of_two_runs_names_difference_tests_and_trials_needed(tmp_path, capsys):
+def test_the_comparison_of_two_runs_names_difference_tests_and_trials_needed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("evg_app.trials.compare.PERMUTATIONS", 1000)
+    monkeypatch.setattr("evg_app.trials.bootstrap.NUMBERS", 4000)
     record(tmp_path / "a", script="S" * 40, objects=4, rounds=6)
     record(tmp_path / "b", script="SFSF" * 10 + "FF" * 40, objects=4, rounds=6)
     parser = argparse.ArgumentParser()
