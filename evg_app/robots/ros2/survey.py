@@ -60,9 +60,8 @@ def survey(robot: RobotConfig, seconds: float) -> Survey:
     link = Link("evg_app_check", WallClock())
     link.acquire()
     try:
-        link.wait_until(lambda: set(names) <= _seen(link), seconds)
-        seen = _seen(link)
-        nodes = sorted(set(link.call(link.node.get_node_names, "the names of nodes")) - {"evg_app_check"})
+        link.wait_until(lambda: set(names) <= _seen(link) and bool(_nodes(link)), seconds)
+        seen, nodes = _seen(link), _nodes(link)
     finally:
         link.release()
     lines.append(f"nodes      {', '.join(nodes) or 'none: same ROS_DOMAIN_ID and discovery range on both sides?'}")
@@ -71,6 +70,12 @@ def survey(robot: RobotConfig, seconds: float) -> Survey:
     if not complete:
         lines.append(f"start with: {robot.ros2.start_arm}\n            {robot.ros2.start_gripper}")
     return Survey(tuple(lines), complete)
+
+
+def _nodes(link: Link) -> list[str]:
+    """Names of the other nodes; they turn up later than what they serve."""
+    names: list[str] = link.call(link.node.get_node_names, "the names of nodes")
+    return sorted(set(names) - {"evg_app_check"})
 
 
 def _seen(link: Link) -> set[str]:
