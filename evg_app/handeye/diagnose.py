@@ -26,7 +26,7 @@ SCALE_LEAST, SCALE_SIGMAS = 0.006, 4.0
 """A board is of the wrong size from this relative deviation, and this many standard deviations, on."""
 LEVER = 0.5
 """Metres per radian when shifts and turns are added up."""
-MOVED_LEAST_M, MOVED_SCORE = 0.0015, 45.0
+MOVED_LEAST_M, MOVED_SCORE = 0.0025, 45.0
 """Least step [m] and least score (sum of six squared t values) for 'moved between two samples'."""
 DISAGREE_MM = 15.0
 """Median distance of the closed-form solvers from the refined result that is worth a warning [mm]."""
@@ -155,7 +155,8 @@ def step_in(apart: Array) -> tuple[int, float, float]:
     """The likeliest moment of a step in (N, 6): index of the first sample after it, size [m], score."""
     best = (0, 0.0, 0.0)
     n = len(apart)
-    for k in range(3, n - 2):
+    side = max(4, n // 5)
+    for k in range(side, n - side + 1):
         a, b = apart[:k], apart[k:]
         jump = np.median(b, axis=0) - np.median(a, axis=0)
         spread = 1.4826 * np.median(
