@@ -127,7 +127,7 @@ class Ros2Motion:
         self.lost = False
 
     def wait(self, timeout: float) -> MotionResult | None:
-        """Wait at most `timeout` [s]; the result once the controller is done and the joints rest, else None.
+        """Wait at most `timeout` [s]; the result once the controller is done and a later state shows rest.
 
         Raises:
             DeviceTimeout: joint states or feedback stopped coming; the motion was cancelled as far as anybody listens.
@@ -151,9 +151,10 @@ class Ros2Motion:
             ended = self._carrier.ended()
             if ended is None:
                 return
-            self._settling = (*ended, self._clock.now() + self._config.settle_s)
-        reached, reason, until = self._settling
-        rests = float(np.abs(state.dq).max(initial=0.0)) < self._config.rest_rad_s
+            self._settling = (*ended, self._clock.now())
+        reached, reason, since = self._settling
+        until = since + self._config.settle_s
+        rests = state.stamp >= since and float(np.abs(state.dq).max(initial=0.0)) < self._config.rest_rad_s
         if rests or self._clock.now() >= until:
             gap = float(np.abs(state.q - self._goal).max(initial=0.0))
             self.end(MotionResult(reached, reason, gap))

@@ -70,7 +70,7 @@ class StateReader:
         return bool(self.robot.topic) and self.robot.fresh and int(self.robot.latest()[0].robot_mode) == IDLE
 
     def read(self, moving: bool) -> ArmState:
-        """The latest state; `moving` is whether we have a motion under way.
+        """The latest state, stamped as its oldest part; `moving` is whether we have a motion under way.
 
         Raises:
             DeviceTimeout: a topic is stale; named.
@@ -78,6 +78,8 @@ class StateReader:
         message, stamp = self.joints.latest()
         q, dq = self._joints.read(message)
         mode, errors = self._condition(moving)
+        if self.robot.topic:
+            stamp = min(stamp, self.robot.latest()[1])
         return ArmState(stamp, q, dq, mode, errors, self._wrench())
 
     def _condition(self, moving: bool) -> tuple[ArmMode, tuple[str, ...]]:
