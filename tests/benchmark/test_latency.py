@@ -11,7 +11,7 @@ from evg_app.benchmark.latency.agreement import Pair, compare, same_best, summar
 from evg_app.benchmark.latency.child import Laps
 from evg_app.benchmark.latency.floor import encoder_gflop, machine_gflops
 from evg_app.benchmark.latency.run import LatencyError, table
-from evg_app.benchmark.latency.subjects import NAMES, subject
+from evg_app.benchmark.latency.subjects import subject
 from evg_app.errors import BadInput
 from evg_app.geometry import rotation_about, translation
 from evg_app.nets.registry import build
@@ -122,8 +122,9 @@ def test_dense_takes_several_times_as_long_as_fast_and_bookkeeping_is_cheap(fold
 @pytest.mark.slow
 def test_the_table_has_a_row_for_each_planner_and_the_floor(folder):
     heard = []
-    facts = table(NAMES, [1], 2, {}, "cpu", heard.append)
-    assert [row["name"] for row in facts["rows"]] == list(NAMES) == [row["name"] for row in heard]
+    names = ["equiigd", "vgn"]
+    facts = table(names, [1], 2, {}, "cpu", heard.append)
+    assert [row["name"] for row in facts["rows"]] == names == [row["name"] for row in heard]
     for row in facts["rows"]:
         assert 0 < row["median_ms"] <= row["p95_ms"] <= row["p99_ms"] and 50 < row["rss_mb"] < 1200
         assert row["first_grasp_s"] > 0 and row["stages"]["fuse"]["median_ms"] > 0
