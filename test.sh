@@ -2,7 +2,7 @@
 # Sets everything up and runs all tests: fast ones, slow ones, then ROS 2 and the reference oracle in environments of their own.
 set -euo pipefail
 cd "$(dirname "$0")"
-./setup.sh test realsense franka export train
+./setup.sh test realsense franka export train viewer
 
 # franka-sim speaks the robot's network protocol strictly; it needs numpy 1, the application numpy 2.
 if [ ! -f .venv-franka-sim/evg-setup ] || ! cmp -s pyproject.toml .venv-franka-sim/evg-setup; then

@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 
 from evg_app import __version__
-from evg_app.cli import benchmark, calibrate, camera, doctor, generate, ros, run, train, trials, workspace
+from evg_app.cli import benchmark, calibrate, camera, doctor, generate, ros, run, train, trials, view, workspace
 from evg_app.errors import EvgError
 
-VERBS = (run, calibrate, workspace, camera, trials, doctor, generate, train, benchmark, ros)
+VERBS = (run, calibrate, workspace, camera, trials, view, doctor, generate, train, benchmark, ros)
 
 EXIT_CODES = """exit codes: 0 finished (whatever the stop reason), 2 bad input, 3 refused (calibration, limits),
 4 hardware, 130 stopped by the user"""
