@@ -16,7 +16,8 @@ class FciModel(Model):
     Attributes:
         host: the arm's address, as in Desk.
         arm: which arm stands there: "fr3" (Franka Research 3) or "fer" (Panda).
-        realtime: "auto" asks for real-time scheduling when the kernel has it, "enforce" refuses without, "ignore" never.
+        realtime: "auto" asks for real-time scheduling when the kernel has it, "enforce" refuses without, "ignore"
+            never asks.
         priority: of the streaming process under SCHED_FIFO, where allowed.
         core: CPU that the streaming process is bound to; None takes the last one when there are four or more.
         collision_torque_nm: per joint; above it the arm stops with a reflex [Nm].
