@@ -20,7 +20,7 @@ class Encoder(Protocol):
 
 
 class FastEncoder:
-    """On a processor: a third faster than torch's own layers (docs/latency.md).
+    """On a processor: 20 to 26 % faster than torch's own layers (docs/latency.md).
 
     Args:
         backbone: with its weights.
