@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets up .venv for evg-app. Idempotent: a second call returns at once.
-#   ./setup.sh [--cuda] [EXTRA ...]      extras: test train realsense ros franka export
+#   ./setup.sh [--cuda] [EXTRA ...]      extras: test train realsense ros franka export viewer
 set -euo pipefail
 cd "$(dirname "$0")"
 
