@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from evg_app.cli import hardware_arguments, protocols
+from evg_app.cli import hardware_arguments, live_view, protocols
 from evg_app.cli.arguments import count, seeds
 from evg_app.cli.console import hushed, say
 from evg_app.config.files import load_robot, load_world
@@ -71,6 +71,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     )
     hardware_arguments.add_arguments(parser)
     protocols.add_arguments(parser)
+    live_view.add_arguments(parser)
     parser.set_defaults(run=run)
 
 
@@ -130,8 +131,11 @@ def _on_hardware(
     config = snapshot(args, robot, camera) | protocols.facts(protocol)
     config |= {"calibration": calibration.model_dump(mode="json"), "speed_share": share}
     procedure = protocols.procedure(args, protocol, folder, config, planner)
-    with Recorder(folder, config, resume=args.resume, placement=procedure.placement) as recorder:
-        sink = fan_out(recorder, Progress())
+    with (
+        live_view.live_view(args, robot) as seen,
+        Recorder(folder, config, resume=args.resume, placement=procedure.placement) as recorder,
+    ):
+        sink = fan_out(recorder, Progress(), seen)
         table = Table(procedure, recorder.store.label)
         result = run_real(args, robot, camera, calibration, planner, motion, sink, folder, share, table)
     _report(folder, args.json)
@@ -166,13 +170,14 @@ def _simulate(
     film, folder = Film(), args.run_dir or default_name()
     with ExitStack() as stack:
         stack.callback(lab.world.close)
+        seen = stack.enter_context(live_view.live_view(args, robot))
         config = snapshot(args, robot, camera, world_config) | protocols.facts(protocol)
         procedure = protocols.procedure(args, protocol, folder, config, planner)
         recorder = Recorder(folder, config, None, film, False, args.resume, procedure.placement)
         stack.enter_context(recorder)
         for device in (lab.camera, lab.arm, lab.gripper):
             stack.enter_context(device)
-        ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress()), film)
+        ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress(), seen), film)
         result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds, procedure.done)
     _report(folder, args.json)
     if result.error is not None:

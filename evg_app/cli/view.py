@@ -11,15 +11,15 @@ from evg_app.cli.trials.common import add_run, chosen_run
 from evg_app.viewer.window import DEFAULT_PORT, LOCAL
 
 
-def add_address(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
-    """Where browsers find the view."""
+def add_address(parser: argparse.ArgumentParser | argparse._ArgumentGroup, prefix: str = "--") -> None:
+    """Where browsers find the view: `<prefix>host` and `<prefix>port`."""
     parser.add_argument(
-        "--host",
+        f"{prefix}host",
         default=LOCAL[0],
         metavar="H",
         help="address to listen on (default: only this machine); any other wants the token in the printed URL",
     )
-    parser.add_argument("--port", type=int, default=DEFAULT_PORT, metavar="P", help=f"default: {DEFAULT_PORT}")
+    parser.add_argument(f"{prefix}port", type=int, default=DEFAULT_PORT, metavar="P", help=f"default: {DEFAULT_PORT}")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
