@@ -53,7 +53,7 @@ class RecordedView:
         )
         self._slider.on_update(lambda _: self.show(min(int(self._slider.value), last)))
         buttons = gui.add_button_group("label it", tuple(LABELS), order=25)
-        buttons.on_click(lambda _: self._label(str(buttons.value)))
+        buttons.on_click(lambda _: self.label(str(buttons.value)))
         self.count()
         self.show(last)
 
@@ -68,13 +68,14 @@ class RecordedView:
             words = text.attempt(attempt.seed, attempt.round_index, attempt.index, attempt.outcome, attempt.failure)
             if attempt.intact is False:
                 words.append("the arrays file was changed after it was recorded")
-            self._window.show(drawing(attempt.stored), [*words, f"id {attempt.attempt_id[:12]}"])
+            self._window.show(drawing(attempt.stored), [*words, f"id {attempt.attempt_id}"])
 
     def count(self) -> None:
         """Count the run anew."""
         self._window.count([Path(self._run.folder).name, *Counters.of(read_rows(self._run.folder)).lines()])
 
-    def _label(self, word: str) -> None:
+    def label(self, word: str) -> None:
+        """Keep a person's word, one of `LABELS`, about the pass that is shown."""
         attempt_id = self._run.attempt_ids[min(int(self._slider.value), len(self._run.attempt_ids) - 1)]
         try:
             add_label(self._run.folder, attempt_id, LABELS[word], VIEWER)

@@ -32,8 +32,8 @@ class Scene:
         self._shown = dict.fromkeys(LAYERS, True)
         self._drawn: Drawing | None = None
         server.scene.set_up_direction("+z")
-        server.initial_camera.position = (1.2, -0.55, 0.75)
-        server.initial_camera.look_at = (0.42, 0.03, 0.12)
+        server.initial_camera.position = (1.02, -0.32, 0.5)
+        server.initial_camera.look_at = (0.45, 0.06, 0.06)
         server.scene.add_grid("/grid", width=2.0, height=2.0, cell_size=0.1)
         with server.atomic():
             server.scene.add_frame("/arm", show_axes=False)

@@ -90,6 +90,16 @@ class Window:
         """The run's counters."""
         self._counts.content = text.lines(words)
 
+    @property
+    def words(self) -> str:
+        """What is written about the pass, as HTML."""
+        return str(self._says.content)
+
+    @property
+    def counts(self) -> str:
+        """What is written about the run, as HTML."""
+        return str(self._counts.content)
+
     def _panel(self) -> None:
         gui = self.server.gui
         gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
