@@ -62,15 +62,17 @@ class Gate:
 
     def close(self) -> None:
         """Listen no more, and drop who is connected."""
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(timeout=PATIENCE)
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
 
-        def end() -> None:
-            self._server.close()
-            for task in asyncio.all_tasks(self._loop):
-                task.cancel()
-            self._loop.call_soon(self._loop.stop)
-
-        self._loop.call_soon_threadsafe(end)
-        self._thread.join(timeout=2.0)
+    async def _end(self) -> None:
+        self._server.close()
+        others = [task for task in asyncio.all_tasks(self._loop) if task is not asyncio.current_task()]
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
 
     def _right(self, given: str) -> bool:
         return secrets.compare_digest(given.encode(), self.token.encode())

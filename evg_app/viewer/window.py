@@ -1,7 +1,5 @@
 """The browser window: a viser server with the 3D scene and the panel beside it."""
 
-import contextlib
-import io
 from types import TracebackType
 from typing import Any, Self
 
@@ -40,8 +38,7 @@ class Window:
     def __init__(self, robot: RobotConfig, host: str = LOCAL[0], port: int = DEFAULT_PORT) -> None:
         viser = _viser()
         local = host in LOCAL
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server: Any = viser.ViserServer("127.0.0.1", port if local else 0, verbose=False)
+        self.server: Any = viser.ViserServer("127.0.0.1", port if local else 0, verbose=False)
         self._gate: Gate | None = None
         inner = int(self.server.get_port())
         try:
@@ -70,8 +67,7 @@ class Window:
         """Serve no more."""
         if self._gate is not None:
             self._gate.close()
-        with contextlib.redirect_stdout(io.StringIO()):
-            self.server.stop()
+        self.server.stop()
 
     def show(self, drawn: Drawing, words: list[str]) -> None:
         """Show a pass, with what there is to say about it."""
@@ -125,9 +121,11 @@ class Window:
 
 def _viser() -> Any:
     try:
+        import rich
         import viser
     except ImportError as error:
         raise MissingExtra("viser", "viewer") from error
+    rich.get_console().quiet = True  # viser talks through it past its own `verbose`
     return viser
 
 
