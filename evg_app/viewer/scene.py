@@ -11,6 +11,8 @@ from evg_app.viewer.colors import CHOSEN, Bytes
 from evg_app.viewer.drawing import Drawing
 
 ARM_COLOR = (215, 215, 220)
+ARM_OPACITY = 0.55
+"""So that the grasp inside the hand is seen."""
 OBSTACLE_COLOR = (150, 150, 160)
 MAX_PATH_POINTS = 200
 """Of the drawn tool path."""
@@ -39,7 +41,9 @@ class Scene:
             server.scene.add_frame("/arm", show_axes=False)
             server.scene.add_frame("/obstacles", show_axes=False)
             self._links = [
-                server.scene.add_mesh_simple(f"/arm/{name}", vertices, faces, color=ARM_COLOR, flat_shading=True)
+                server.scene.add_mesh_simple(
+                    f"/arm/{name}", vertices, faces, color=ARM_COLOR, opacity=ARM_OPACITY, flat_shading=True
+                )
                 for name, (vertices, faces) in zip(self._arm.names, self._arm.meshes, strict=True)
             ]
             for k, box in enumerate(robot.obstacles):
