@@ -13,7 +13,7 @@ from evg_app.cli.trials import write_json_file
 from evg_app.trials.statistics import rate
 
 SCENES = ("packed", "pile", "adversarial")
-NOISES = ("gamma", "gaussian", "none")
+NOISES = ("gamma", "field", "gaussian", "none")
 VIEWS = ("side", "random", "random-orbitgrasp", "random-igd")
 MODELS = "equiigd, equigiga, giga, vgn, antipodal or random (default: equiigd)"
 
