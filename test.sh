@@ -4,6 +4,19 @@ set -euo pipefail
 cd "$(dirname "$0")"
 ./setup.sh test realsense franka export train viewer
 
+# What tests need of the system: a browser for the view, and compilers for the ROS 2 interfaces.
+missing=()
+command -v chromium chromium-browser google-chrome >/dev/null || missing+=(chromium)
+for pair in cmake:cmake ninja:ninja-build c++:g++; do command -v "${pair%%:*}" >/dev/null || missing+=("${pair##*:}"); done
+if [ ${#missing[@]} -gt 0 ]; then
+  root=(); [ "$(id -u)" = 0 ] || root=(sudo -n)
+  echo "[test] installing Debian packages: ${missing[*]}"
+  "${root[@]}" apt-get update -qq && "${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null || {
+    echo "Run:  sudo apt-get install ${missing[*]}   and start this command again." >&2
+    exit 1
+  }
+fi
+
 # franka-sim speaks the robot's network protocol strictly; it needs numpy 1, the application numpy 2.
 if [ ! -f .venv-franka-sim/evg-setup ] || ! cmp -s pyproject.toml .venv-franka-sim/evg-setup; then
   .venv/bin/python -m venv --clear .venv-franka-sim
