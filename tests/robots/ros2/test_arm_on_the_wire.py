@@ -250,7 +250,7 @@ def test_without_control_msgs_the_topic_moves_and_brakes_the_arm_and_says_what_i
 
 
 def test_ctrl_c_stays_with_the_application(robot: Ros2Robot):
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) in (signal.default_int_handler, signal.SIG_IGN)  # ignored in the background
 
 
 def test_anybody_may_stop_the_run_over_a_topic(robot: Ros2Robot):
