@@ -3,7 +3,7 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 
-# --wire: also the fault tests of the ROS 2 and Franka drivers against their peers. They take ten minutes more and need a quiet machine.
+# --wire: also the fault tests of the ROS 2 and Franka drivers against their peers. They take minutes more and need a quiet machine.
 wire=0
 [ "${1:-}" != --wire ] || { wire=1; shift; }
 
