@@ -83,6 +83,7 @@ def loop_context(
         lambda q: lab.camera.T_base_cam,
         motion.kinematics.link_primitives,
         camera.table_is_ruler,
+        camera.min_valid_ratio,
     )
     return Context(
         devices=Devices(lab.camera, lab.arm, lab.gripper, lab.clock),

@@ -129,6 +129,7 @@ def context_of(
         lab.T_base_cam,
         motion.kinematics.link_primitives,
         lab.camera_config.table_is_ruler,
+        lab.camera_config.min_valid_ratio,
     )
     return Context(
         devices=Devices(lab.camera, lab.arm, lab.gripper, lab.clock),

@@ -8,7 +8,7 @@ import numpy as np
 from evg_app.geometry import FINGER_DEPTH, TABLE_HEIGHT, WORKSPACE_SIZE, Array, invert
 from evg_app.perception import self_filter
 from evg_app.perception.change import SceneChange, scene_change
-from evg_app.perception.health import depth_health
+from evg_app.perception.health import MIN_VALID, depth_health
 from evg_app.perception.projection import points_in
 from evg_app.perception.table import fit_table, rescale
 from evg_app.perception.tsdf import fuse
@@ -34,6 +34,7 @@ class TablePerception:
         camera_pose: T_base_cam (4, 4) for joint positions [rad]: constant for a fixed camera.
         links: the arm's links for joint positions [rad], removed from the depth image.
         table_is_ruler: multiply depth by the factor that brings the seen table to its known height.
+        min_valid: least share of the workspace's pixels with depth, for a frame that may be planned on.
     """
 
     def __init__(
@@ -42,9 +43,10 @@ class TablePerception:
         camera_pose: Callable[[Array], Array],
         links: Callable[[Array], Sequence[Capsule]],
         table_is_ruler: bool = False,
+        min_valid: float = MIN_VALID,
     ) -> None:
         self._T_base_task, self._camera_pose, self._links = T_base_task, camera_pose, links
-        self._table_is_ruler = table_is_ruler
+        self._table_is_ruler, self._min_valid = table_is_ruler, min_valid
 
     @property
     def T_base_task(self) -> Array:
@@ -65,7 +67,7 @@ class TablePerception:
 
     def problem(self, frame: Frame, q: Array) -> str:
         """Why no plan may be made on this frame, empty when it is good enough."""
-        return depth_health(frame, self._T_cam_task(q)).advice
+        return depth_health(frame, self._T_cam_task(q), self._min_valid).advice
 
     def view(self, frame: Frame, q: Array, further: Sequence[tuple[Frame, Array]] = ()) -> View:
         """Fuse clean frames into the planner's grid and the collision volume; each is ruled by itself."""

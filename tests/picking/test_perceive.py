@@ -50,3 +50,14 @@ def test_an_image_of_nothing_is_a_problem_with_advice():
     blind = Frame(np.zeros((120, 160), np.uint16), 0.001, CAMERA, 1.0, "cam")
     assert "depth" in _perception().problem(blind, np.zeros(7))
     assert _perception().problem(_frame(block_mm=40), np.zeros(7)) == ""
+
+
+def test_the_share_of_valid_depth_that_the_camera_config_asks_for_decides():
+    half = _frame(block_mm=40)
+    half.depth[:, ::2] = 0
+    patient, strict = (
+        TablePerception(T_BASE_TASK, lambda q: T_BASE_TASK @ T_TASK_CAM, lambda q: (), min_valid=least)
+        for least in (0.4, 0.6)
+    )
+    assert patient.problem(half, np.zeros(7)) == ""
+    assert "without depth" in strict.problem(half, np.zeros(7))

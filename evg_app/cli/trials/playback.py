@@ -78,6 +78,7 @@ class Playback:
             lambda q: poses[q.tobytes()],
             self._motion.kinematics.link_primitives,
             self._camera.table_is_ruler,
+            self._camera.min_valid_ratio,
         )
         arm = _LoggedArm(taken.q, self._robot.joints)
         ctx = Context(

@@ -140,6 +140,7 @@ def pick(
             lambda q: camera.T_base_cam,
             motion.kinematics.link_primitives,
             camera_config.table_is_ruler,
+            camera_config.min_valid_ratio,
         )
         context = Context(
             devices=Devices(camera, opened.arm, opened.gripper, opened.clock),
