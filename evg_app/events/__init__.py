@@ -1,0 +1,112 @@
+"""The one append-only stream that the loop writes and that the trial log and every view read."""
+
+from collections.abc import Callable
+
+from evg_app.events.course import (
+    AttemptFinished,
+    AttemptStarted,
+    DepthChecked,
+    RoundFinished,
+    RoundStarted,
+    RunFinished,
+    RunStarted,
+    StageTimed,
+    StateEntered,
+    Warned,
+)
+from evg_app.events.motion import (
+    Evidence,
+    GripperMoved,
+    MotionEnded,
+    MotionStarted,
+    Verified,
+)
+from evg_app.events.outcomes import (
+    COMPUTE_STAGES,
+    AttemptOutcome,
+    Stage,
+    StopReason,
+)
+from evg_app.events.planning import (
+    FrameTaken,
+    Fused,
+    GraspsPlanned,
+    Judged,
+    SceneRechecked,
+    ViewTaken,
+)
+
+__all__ = [
+    "COMPUTE_STAGES",
+    "AttemptFinished",
+    "AttemptOutcome",
+    "AttemptStarted",
+    "DepthChecked",
+    "Event",
+    "Evidence",
+    "FrameTaken",
+    "Fused",
+    "GraspsPlanned",
+    "GripperMoved",
+    "Judged",
+    "MotionEnded",
+    "MotionStarted",
+    "RoundFinished",
+    "RoundStarted",
+    "RunFinished",
+    "RunStarted",
+    "SceneRechecked",
+    "Sink",
+    "Stage",
+    "StageTimed",
+    "StateEntered",
+    "StopReason",
+    "Verified",
+    "ViewTaken",
+    "Warned",
+    "fan_out",
+]
+
+Event = (
+    RunStarted
+    | RoundStarted
+    | AttemptStarted
+    | StateEntered
+    | StageTimed
+    | FrameTaken
+    | ViewTaken
+    | Fused
+    | GraspsPlanned
+    | Judged
+    | SceneRechecked
+    | MotionStarted
+    | MotionEnded
+    | GripperMoved
+    | Verified
+    | AttemptFinished
+    | RoundFinished
+    | RunFinished
+    | DepthChecked
+    | Warned
+)
+"""Everything the loop says."""
+
+Sink = Callable[[Event], None]
+"""Whoever listens."""
+
+
+def fan_out(*sinks: Sink) -> Sink:
+    """One sink that feeds several, in order; the first error is raised after all were fed."""
+
+    def feed(event: Event) -> None:
+        """Feed all of them."""
+        failures: list[Exception] = []
+        for sink in sinks:
+            try:
+                sink(event)
+            except Exception as error:
+                failures.append(error)
+        if failures:
+            raise failures[0]
+
+    return feed
