@@ -128,6 +128,7 @@ class Verdict(StrEnum):
     GRIPPER_COLLISION = "gripper-scene collision"
     ARM_COLLISION = "arm-scene collision"
     NO_PATH = "no path"
+    REJECTED = "rejected by a person"
     NOT_EXAMINED = "not examined"
 
 

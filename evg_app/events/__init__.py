@@ -35,9 +35,11 @@ from evg_app.events.planning import (
     SceneRechecked,
     ViewTaken,
 )
+from evg_app.events.supervision import Answer, GraspAnswered, GraspOffered, Held
 
 __all__ = [
     "COMPUTE_STAGES",
+    "Answer",
     "AttemptFinished",
     "AttemptOutcome",
     "AttemptStarted",
@@ -46,8 +48,11 @@ __all__ = [
     "Evidence",
     "FrameTaken",
     "Fused",
+    "GraspAnswered",
+    "GraspOffered",
     "GraspsPlanned",
     "GripperMoved",
+    "Held",
     "Judged",
     "MotionEnded",
     "MotionStarted",
@@ -79,6 +84,9 @@ Event = (
     | GraspsPlanned
     | Judged
     | SceneRechecked
+    | GraspOffered
+    | GraspAnswered
+    | Held
     | MotionStarted
     | MotionEnded
     | GripperMoved

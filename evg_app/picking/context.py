@@ -8,7 +8,7 @@ from typing import Protocol
 from evg_app.cameras.protocol import Camera
 from evg_app.clock import Clock
 from evg_app.config.models import CameraConfig, RobotConfig
-from evg_app.events import Sink
+from evg_app.events import Answer, GraspOffered, Sink
 from evg_app.geometry import Array
 from evg_app.grasping.protocol import Planner
 from evg_app.perception.change import SceneChange
@@ -127,6 +127,20 @@ class Referee(Protocol):
         """How many objects of this round are left in the workspace."""
 
 
+class Supervisor(Protocol):
+    """Somebody who may hold the loop; `picking.supervise` asks again and again, and whoever fails has not answered."""
+
+    @property
+    def asks(self) -> bool:
+        """Whether to be asked before each grasp."""
+
+    def may_go_on(self, state: str, timeout: float) -> bool:
+        """Whether the loop may go on to this state; may wait up to `timeout` [s] of wall time before a no."""
+
+    def judge(self, offered: GraspOffered, timeout: float) -> Answer | None:
+        """What becomes of a planned grasp; None while nothing was said, after up to `timeout` [s] of wall time."""
+
+
 class Rounds(Protocol):
     """Whoever sets the table."""
 
@@ -184,6 +198,7 @@ class Context:
     Attributes:
         sink: who listens to the event stream.
         referee: knows the truth; without one, verify's judgement counts.
+        supervisor: may hold the loop and reject grasps; without one it never waits.
         stop: how a person stops the run.
         tick: called in every wait slice (a film, a live view); must be quick.
         stopwatch: wall time for compute stages [s].
@@ -201,3 +216,4 @@ class Context:
     settings: Settings = Settings()
     tick: Callable[[], None] = _nothing
     stopwatch: Callable[[], float] = time.perf_counter
+    supervisor: Supervisor | None = None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from evg_app.errors import EvgError, HardwareError, Refused, Stopped
 from evg_app.events import RoundFinished, RoundStarted, StateEntered, StopReason, Warned
-from evg_app.picking import execute, observe, plan, recheck, recover, score, verify
+from evg_app.picking import execute, observe, plan, recheck, recover, score, supervise, verify
 from evg_app.picking.context import Context
 from evg_app.picking.session import Emitter, Round
 from evg_app.picking.states import START, TRANSITIONS, Outcome, State
@@ -15,6 +15,7 @@ HANDLERS: dict[State, Callable[[Round], Outcome]] = {
     State.OBSERVE: observe.observe,
     State.PLAN: plan.plan,
     State.FILTER: plan.filter_,
+    State.CONFIRM: supervise.confirm,
     State.REACH: execute.reach,
     State.RECHECK: recheck.recheck,
     State.APPROACH: execute.approach,
@@ -75,6 +76,9 @@ def run_round(ctx: Context, emitter: Emitter, seed: int, index: int, objects: in
 
 def _drive(round_: Round) -> StopReason:
     state: State | StopReason = START
+    supervise.hold(round_, START)
+    if round_.ctx.stop.soft:
+        return StopReason.STOPPED
     while isinstance(state, State):
         round_.ctx.stop.check()
         round_.emit(StateEntered(state))
@@ -95,6 +99,8 @@ def _step(round_: Round, state: State) -> Outcome:
         if round_.attempt is not None:
             round_.attempt.fault = round_.attempt.fault or f"{state}: {error}"
         return Outcome.FAULT
+    if isinstance(following := TRANSITIONS[state][outcome], State):
+        supervise.hold(round_, following)
     stoppable = outcome is Outcome.OK and Outcome.STOP in TRANSITIONS[state]
     return Outcome.STOP if stoppable and round_.ctx.stop.soft else outcome
 

@@ -1,15 +1,17 @@
 """Plan and filter: grasps from the grid, then the first one that the arm can really execute."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.events import GraspsPlanned, Judged, Stage, Warned
-from evg_app.geometry import MAX_OPENING
+from evg_app.geometry import MAX_OPENING, Array
+from evg_app.picking.context import Decision, View
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome
-from evg_app.types import Grasps
+from evg_app.types import Grasps, Verdict
 
 RIGID_TOLERANCE = 1e-3
 """How far R^T R may be from the identity."""
@@ -30,12 +32,12 @@ def plan(round_: Round) -> Literal[Outcome.OK, Outcome.NOTHING]:
     return Outcome.OK if len(grasps) else Outcome.NOTHING
 
 
-def filter_(round_: Round) -> Literal[Outcome.OK, Outcome.NOTHING]:
-    """Judge the candidates and make the first feasible one ready."""
+def filter_(round_: Round) -> Literal[Outcome.OK, Outcome.NOTHING, Outcome.ASK]:
+    """Judge the candidates and make the first feasible one ready that no person has rejected."""
     attempt, ctx = round_.now, round_.ctx
     assert attempt.view is not None and attempt.q is not None
     with round_.timed(Stage.JUDGE):
-        decision = ctx.motion.decide(attempt.grasps, ctx.perception.T_base_task, attempt.view, attempt.q)
+        decision = _decide(round_, attempt.grasps, attempt.view, attempt.q)
     attempt.decision = decision
     pick = decision.pick
     round_.emit(
@@ -47,7 +49,24 @@ def filter_(round_: Round) -> Literal[Outcome.OK, Outcome.NOTHING]:
             {} if pick is None else pick.trajectories(),
         )
     )
-    return Outcome.NOTHING if pick is None else Outcome.OK
+    return Outcome.NOTHING if pick is None else Outcome.OK if ctx.supervisor is None else Outcome.ASK
+
+
+def _decide(round_: Round, grasps: Grasps, view: View, q: Array) -> Decision:
+    """Judge the candidates that nobody has rejected; the verdicts are about all of them."""
+    ctx, rejected = round_.ctx, round_.now.rejected
+    if not rejected:
+        return ctx.motion.decide(grasps, ctx.perception.T_base_task, view, q)
+    kept = [i for i in range(len(grasps)) if i not in rejected]
+    if not kept:
+        return Decision((Verdict.REJECTED,) * len(grasps), None, None, False)
+    others = Grasps(grasps.T_task_grasp[kept], grasps.width[kept], grasps.score[kept])
+    decision = ctx.motion.decide(others, ctx.perception.T_base_task, view, q)
+    verdicts = [Verdict.REJECTED] * len(grasps)
+    for i, verdict in zip(kept, decision.verdicts, strict=True):
+        verdicts[i] = verdict
+    index = None if decision.grasp_index is None else kept[decision.grasp_index]
+    return replace(decision, verdicts=tuple(verdicts), grasp_index=index)
 
 
 def sane(grasps: Grasps) -> Grasps:

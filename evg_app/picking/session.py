@@ -54,6 +54,7 @@ class Attempt:
         further: clean frames of the views before the look pose, with the arm's position [rad] at each.
         recoveries: how often the arm was brought back during this pass.
         changed: the scene changed between planning and approach, so the pass ended without a grasp.
+        rejected: candidates that a person rejected.
         judged, judged_why: the judgement from all signs, once made, and why it is no.
     """
 
@@ -68,6 +69,7 @@ class Attempt:
     fault: str = ""
     recoveries: int = 0
     changed: bool = False
+    rejected: set[int] = field(default_factory=set)
     judged: bool | None = None
     judged_why: str = ""
     empty: bool = False

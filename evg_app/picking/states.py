@@ -12,6 +12,7 @@ class State(StrEnum):
     OBSERVE = "observe"
     PLAN = "plan"
     FILTER = "filter"
+    CONFIRM = "confirm"
     REACH = "reach"
     RECHECK = "recheck"
     APPROACH = "approach"
@@ -38,6 +39,8 @@ class Outcome(StrEnum):
     TWO_FAILURES = "two failures"
     SPENT = "spent"
     CHANGED = "changed"
+    ASK = "ask"
+    REJECTED = "rejected"
     GIVE_UP = "give up"
     FAULT = "fault"
     STOP = "stop"
@@ -68,7 +71,14 @@ TRANSITIONS: dict[State, dict[Outcome, State | StopReason]] = {
     },
     State.FILTER: {
         Outcome.OK: State.REACH,
+        Outcome.ASK: State.CONFIRM,
         Outcome.NOTHING: StopReason.NO_FEASIBLE,
+        Outcome.FAULT: StopReason.ERROR,
+        Outcome.STOP: StopReason.STOPPED,
+    },
+    State.CONFIRM: {
+        Outcome.OK: State.REACH,
+        Outcome.REJECTED: State.FILTER,
         Outcome.FAULT: StopReason.ERROR,
         Outcome.STOP: StopReason.STOPPED,
     },

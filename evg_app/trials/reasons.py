@@ -34,6 +34,7 @@ _VERDICTS = {
     Verdict.SELF_COLLISION: "collision",
     Verdict.GRIPPER_COLLISION: "collision",
     Verdict.ARM_COLLISION: "collision",
+    Verdict.REJECTED: "user",
 }
 
 

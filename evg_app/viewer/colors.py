@@ -21,6 +21,7 @@ VERDICT_COLORS: dict[Verdict, RGB] = {
     Verdict.GRIPPER_COLLISION: (210, 30, 110),
     Verdict.ARM_COLLISION: (120, 30, 40),
     Verdict.NO_PATH: (40, 60, 140),
+    Verdict.REJECTED: (20, 20, 20),
     Verdict.NOT_EXAMINED: (120, 170, 255),
 }
 """Every verdict has a colour of its own."""

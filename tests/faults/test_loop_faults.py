@@ -267,7 +267,7 @@ def test_a_clock_jump_in_a_motion_neither_fails_nor_hangs_it(name, jump):
     assert lab.of(AttemptFinished)[0].motion_s < 60.0
 
 
-@pytest.mark.parametrize("state", [s for s in State if s not in (State.RETREAT, State.RECOVER)])
+@pytest.mark.parametrize("state", [s for s in State if s not in (State.RETREAT, State.RECOVER, State.CONFIRM)])
 def test_one_stop_request_in_any_state_ends_safely_at_the_look_pose(state):
     lab = Lab(script="SSSSSS", objects=3)
     ask = once(lab.stop.request)

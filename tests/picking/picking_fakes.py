@@ -321,6 +321,7 @@ class Lab:
     listeners: list = field(default_factory=list)
     moved: list = field(default_factory=list)
     recheck: bool = True
+    supervisor: object = None
 
     def __post_init__(self) -> None:
         self.clock, self.stop = FakeClock(), StopToken()
@@ -371,6 +372,7 @@ class Lab:
             self if self.has_referee else None,
             self.stop,
             self.settings,
+            supervisor=self.supervisor,
         )
 
     def run(self, rounds: int = 1, seeds: tuple[int, ...] = (0,)):

@@ -24,7 +24,7 @@ from evg_app.picking.states import Outcome, State
 from evg_app.robots.protocol import MotionHandle
 from evg_app.trials.arrays import Gathered, frame_of, views_of
 from evg_app.trials.recorded import RecordedAttempt
-from evg_app.types import ArmMode, ArmState, Frame, GripperResult, GripperState, Intrinsics, Trajectory
+from evg_app.types import ArmMode, ArmState, Frame, GripperResult, GripperState, Intrinsics, Trajectory, Verdict
 
 STEPS = {"fused": State.OBSERVE, "planned": State.PLAN, "judged": State.FILTER}
 """The state of the loop that brings a pass this far."""
@@ -92,6 +92,8 @@ class Playback:
         )
         round_ = Round(ctx, Emitter(ctx.sink, ctx.stop), attempt.seed, attempt.round_index, None)
         round_.attempt = Attempt(attempt.attempt_id, attempt.index, attempt.planner_seed)
+        said = attempt.stored.get("verdict", ())
+        round_.attempt.rejected.update(i for i, word in enumerate(said) if str(word) == Verdict.REJECTED)
         round_.attempt.further.extend((perception.clean(view.frame, view.q), view.q) for view in views)
         return round_
 
