@@ -46,6 +46,7 @@ class Evidence:
 
     Attributes:
         width_closed, width_lifted, width_release: openings [m].
+        width_emptied: where the fingers stopped when they were closed once more, above the bin after opening [m].
         gripper_success: the device's own verdict on closing.
         is_grasped_lifted, is_grasped_release: the device's own flag.
         in_bin_before, in_bin_after: the referee's counts.
@@ -57,6 +58,7 @@ class Evidence:
     width_closed: float | None = None
     width_lifted: float | None = None
     width_release: float | None = None
+    width_emptied: float | None = None
     gripper_success: bool | None = None
     is_grasped_lifted: bool | None = None
     is_grasped_release: bool | None = None

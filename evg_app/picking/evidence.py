@@ -16,6 +16,7 @@ class Signs:
 
     Attributes:
         width_closed, width_lifted, width_release: openings after closing, after the lift, above the bin [m].
+        width_emptied: the opening when the fingers were closed once more after they had opened above the bin [m].
         device: the device's own word after the lift.
         place_area: surface that came or went where the fingers closed [m^2].
         place_compared: share of that place that both images show.
@@ -27,6 +28,7 @@ class Signs:
     device: bool | None = None
     place_area: float | None = None
     place_compared: float | None = None
+    width_emptied: float | None = None
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,14 @@ def gone(signs: Signs, rule: EvidenceModel) -> bool | None:
     return signs.place_area >= rule.place_area_m2
 
 
+def _kept(signs: Signs, lifted: float, gripper: GripperModel, rule: EvidenceModel) -> bool:
+    """Whether what was lifted arrived above the bin: fingers that moved on the way have lost it."""
+    above = signs.width_release
+    return above is not None and in_window(above, gripper) and abs(above - lifted) <= rule.max_drift_m
+
+
 def judge(signs: Signs, gripper: GripperModel, rule: EvidenceModel) -> Judgement:
-    """Held when the opening says so after the lift and above the bin, and the object has not stayed in its place.
+    """Held when the opening says so after the lift and above the bin, it left the hand there, and left its place.
 
     The device's word never decides: a Franka Hand says no to a held object when its window is narrow, and yes to
     thin air when it is wide.
@@ -66,8 +74,10 @@ def judge(signs: Signs, gripper: GripperModel, rule: EvidenceModel) -> Judgement
     if signs.width_lifted is None:
         return Judgement(False, "never lifted")
     lifted = in_window(signs.width_lifted, gripper)
-    kept = signs.width_release is not None and in_window(signs.width_release, gripper)
+    kept = _kept(signs, signs.width_lifted, gripper, rule)
     why = "nothing held after lift" if not lifted else "lost in transit" if not kept else ""
+    if not why and signs.width_emptied is not None and signs.width_emptied > gripper.held_width_m:
+        why = "still in the hand"
     if not why and absent is False:
         why = "object still in its place"
     odd = []
@@ -94,23 +104,25 @@ def signs_of(round_: Round) -> Signs:
         seen.is_grasped_lifted,
         seen.place_area,
         seen.place_compared,
+        seen.width_emptied,
     )
 
 
 def conclude_signs(round_: Round) -> None:
     """With the arm out of the view again: look at the place, judge, and say which signs disagree.
 
-    Only where no referee knows the truth. A camera that fails now costs this sign, not the round.
+    Where a referee knows the truth, the openings are all that is judged. A camera that fails now costs this sign, not
+    the round.
     """
     attempt, ctx = round_.now, round_.ctx
-    if ctx.referee is not None or not attempt.closed or attempt.fault:
+    if not attempt.closed or attempt.fault:
         return
     rule = ctx.robot.evidence
-    if rule.look_at_place:
+    if ctx.referee is None and rule.look_at_place:
         _look(round_, rule)
     verdict = judge(signs_of(round_), ctx.robot.gripper, rule)
     attempt.judged, attempt.judged_why = verdict.held, verdict.why
-    if verdict.disagreeing:
+    if ctx.referee is None and verdict.disagreeing:
         round_.emit(Warned("signs disagree", "; ".join(verdict.disagreeing)))
 
 

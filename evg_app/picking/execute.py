@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from evg_app.events import Verified
+from evg_app.events import Verified, Warned
 from evg_app.geometry import Array
 from evg_app.picking.context import ReadyPick
 from evg_app.picking.devices import (
@@ -22,6 +22,9 @@ from evg_app.picking.states import Outcome, State
 from evg_app.picking.verify import held
 from evg_app.picking.views import look_around
 from evg_app.types import MotionResult, Trajectory
+
+EMPTY_TRIES = 2
+"""How often the hand is opened above the bin for what sticks to it."""
 
 Moved = Literal[Outcome.OK, Outcome.BLOCKED]
 
@@ -92,7 +95,25 @@ def release(round_: Round) -> Literal[Outcome.OK]:
     round_.emit(Verified("release", state, attempt.held_release))
     attempt.released = True
     open_gripper(round_)
+    if round_.ctx.referee is None and round_.ctx.robot.evidence.check_empty_hand:
+        _empty_hand(round_)
     return Outcome.OK
+
+
+def _empty_hand(round_: Round) -> None:
+    """Close the fingers above the bin: what sticks to one of them stops them, and is opened for once more.
+
+    An empty hand stays closed until the next look opens it.
+    """
+    for _ in range(EMPTY_TRIES):
+        width = close_gripper(round_).width
+        round_.now.note(width_emptied=width)
+        if width <= round_.ctx.robot.gripper.held_width_m:
+            return
+        round_.emit(
+            Warned("still in the hand", f"the fingers opened above the bin and then closed to {width * 1e3:.1f} mm")
+        )
+        open_gripper(round_)
 
 
 def return_(round_: Round) -> Moved:

@@ -14,6 +14,7 @@ _FAILURES = {
     "nothing held after lift": "slip",
     "object still in its place": "slip",
     "lost in transit": "drop",
+    "still in the hand": "drop",
     "not in the bin": "drop",
     "device error": "hardware",
     "motion aborted": "hardware",

@@ -307,7 +307,8 @@ class FakeMotion:
 @dataclass
 class Lab:
     """Everything a test needs. `script` is one letter per closing of the gripper:
-    S picks and delivers, F closes on nothing, L loses the object on the way, M drops it beside the bin.
+    S picks and delivers, F closes on nothing, L loses the object on the way, M drops it beside the bin, C has it
+    cling to a finger above the bin.
     `moved` is the area that changed before each approach [m^2]; nothing once it is used up.
     """
 
@@ -330,14 +331,18 @@ class Lab:
         self.letters, self.letter = iter(self.script), ""
         self.left, self.binned = self.objects, 0
 
+    def over_bin(self) -> bool:
+        return bool(np.allclose(self.arm.q, DROP, atol=0.05))
+
     def closed(self) -> float:
+        if self.over_bin():
+            return OBJECT_WIDTH if self.letter == "C" else 0.0
         self.letter = next(self.letters)
         return 0.0 if self.letter == "F" else OBJECT_WIDTH
 
     def opened(self) -> None:
         held = self.gripper.width == OBJECT_WIDTH
-        over_bin = np.allclose(self.arm.q, DROP, atol=0.05)
-        if held and over_bin:
+        if held and self.over_bin() and self.letter != "C":
             self.left -= 1
             self.binned += self.letter == "S"
 

@@ -17,8 +17,8 @@ HELD, CLOSED, OPEN = 0.03, 0.001, 0.0795
 GONE, STAYED = 5e-4, 0.0
 
 
-def signs(lifted=HELD, release=HELD, device=True, area=GONE, compared=1.0, closed=HELD) -> Signs:
-    return Signs(closed, lifted, release, device, area, compared)
+def signs(lifted=HELD, release=HELD, device=True, area=GONE, compared=1.0, closed=HELD, emptied=None) -> Signs:
+    return Signs(closed, lifted, release, device, area, compared, emptied)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +29,11 @@ def signs(lifted=HELD, release=HELD, device=True, area=GONE, compared=1.0, close
         (signs(lifted=OPEN), "nothing held after lift"),
         (signs(release=CLOSED), "lost in transit"),
         (signs(release=None), "lost in transit"),
+        (signs(release=HELD + 0.014), ""),
+        (signs(release=HELD + 0.016), "lost in transit"),
+        (signs(lifted=0.07, release=0.007), "lost in transit"),
+        (signs(emptied=0.0), ""),
+        (signs(emptied=HELD), "still in the hand"),
         (signs(area=STAYED), "object still in its place"),
         (signs(area=STAYED, compared=0.1), ""),
         (signs(area=None, compared=None), ""),
@@ -71,7 +76,26 @@ def test_every_sign_is_in_the_log_of_a_success():
     assert first.outcome is AttemptOutcome.SUCCESS
     seen = first.evidence
     assert None not in (seen.width_closed, seen.width_lifted, seen.width_release, seen.is_grasped_lifted)
-    assert None not in (seen.gripper_success, seen.place_area, seen.place_compared)
+    assert None not in (seen.gripper_success, seen.place_area, seen.place_compared, seen.width_emptied)
+
+
+def test_what_clings_to_a_finger_above_the_bin_is_no_success_and_is_opened_for_twice():
+    lab = Lab(script="CF", objects=1, has_referee=False)
+    lab.run()
+    first = lab.of(AttemptFinished)[0]
+    assert first.outcome is AttemptOutcome.FAILURE and first.failure == "still in the hand"
+    assert first.evidence.width_emptied == pytest.approx(OBJECT_WIDTH)
+    assert lab.gripper.commands[:5] == ["grasp", "move", "grasp", "move", "grasp"]
+    assert sum(e.cause == "still in the hand" for e in lab.of(Warned)) == 2
+
+
+def test_with_a_referee_the_hand_is_not_closed_again_and_fingers_that_moved_on_the_way_are_no_hold():
+    lab = Lab(script="LS", objects=1)
+    lab.run()
+    first = lab.of(AttemptFinished)[0]
+    assert first.evidence.width_emptied is None and first.evidence.place_area is None
+    assert first.verified is False and first.failure == "lost in transit"
+    assert lab.gripper.commands == ["grasp", "move", "grasp", "move"]
 
 
 def test_camera_that_fails_after_the_pick_costs_the_sign_not_the_round():
