@@ -1,6 +1,7 @@
 """An arm behind limits that a person set: where the tool may go, who agrees to each motion, and who lets it go on
-after it stopped by itself. Software limits, not a safety function."""
+after it stopped by itself or was lost from sight. Software limits, not a safety function."""
 
+import contextlib
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self
@@ -8,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from evg_app.config.franka import ToolBox
-from evg_app.errors import HardwareError, Refused, Stopped
+from evg_app.errors import DeviceTimeout, HardwareError, Refused, Stopped
 from evg_app.events import Event, MotionStarted
 from evg_app.geometry import Array
 from evg_app.robots.protocol import Arm, MotionHandle
@@ -33,7 +34,7 @@ class GuardedArm:
         tool_path: where the tool goes.
         box: where the tool may go, None for anywhere.
         step: asked before each motion, None for never.
-        acknowledge: asked before the arm moves again after a protective stop or a reflex.
+        acknowledge: asked before the arm moves again after a protective stop, a reflex, or a motion lost from sight.
         dry: nothing is ever sent.
     """
 
@@ -94,11 +95,11 @@ class GuardedArm:
             raise Refused(f"dry run: '{name}' was not sent")
         self.state()
         if self._halted:
-            raise HardwareError(f"the arm stopped by itself ({self._halted}); recover() first")
+            raise HardwareError(f"the arm stopped by itself or was lost ({self._halted}); recover() first")
         self.check(name, trajectory)
         if self._step is not None and not self._step(self._described(name, trajectory)):
             raise Stopped(f"'{name}' was not agreed to; nothing was sent")
-        return GuardedMotion(self, self._arm.execute(trajectory))
+        return GuardedMotion(self, self._arm.execute(trajectory), name)
 
     def check(self, name: str, trajectory: Trajectory) -> None:
         """Pass when the tool stays in its box.
@@ -127,16 +128,17 @@ class GuardedArm:
         return f"{name}: {trajectory.duration:.1f} s, tool from {way} m. Go?"
 
     def recover(self, timeout: float) -> None:
-        """Clear a reflex and wait until the arm is idle; after a protective stop only when a person agrees.
+        """Clear a reflex and wait until the arm is idle; after a stop of its own, or lost, only when a person agrees.
 
         Raises:
             HardwareError: nobody agreed; or from the arm.
             DeviceTimeout: it is not idle after `timeout` [s].
         """
-        self.state()
+        with contextlib.suppress(DeviceTimeout):
+            self.state()
         if self._halted and not self._may_go_on():
             raise HardwareError(
-                f"the arm stopped by itself ({self._halted}) and nobody let it go on; it holds. "
+                f"the arm stopped by itself or was lost ({self._halted}) and nobody let it go on; it holds. "
                 "Clear the scene and run the command again"
             )
         self._arm.recover(timeout)
@@ -144,9 +146,13 @@ class GuardedArm:
 
     def _may_go_on(self) -> bool:
         """Ask once; a no stays a no."""
-        question = f"The arm stopped by itself ({self._halted}). Is the scene clear, and may it recover and move on?"
+        question = f"The arm stopped ({self._halted}). Is the scene clear, and may it recover and move on?"
         self._declined = self._declined or not self._acknowledge(question)
         return not self._declined
+
+    def lost(self, name: str, error: HardwareError) -> None:
+        """Called by a motion that nobody can see any more: what the arm did meanwhile, nobody knows."""
+        self._halted = self._halted or f"contact was lost during '{name}': {error}"
 
     def ended(self, result: MotionResult) -> None:
         """Called by a motion when it ends: one that fell short may have been a protective stop."""
@@ -157,12 +163,20 @@ class GuardedArm:
 class GuardedMotion:
     """A motion of a guarded arm."""
 
-    def __init__(self, guard: GuardedArm, motion: MotionHandle) -> None:
-        self._guard, self._motion, self._told = guard, motion, False
+    def __init__(self, guard: GuardedArm, motion: MotionHandle, name: str) -> None:
+        self._guard, self._motion, self._name, self._told = guard, motion, name, False
 
     def wait(self, timeout: float) -> MotionResult | None:
-        """Wait at most `timeout` [s]; the result once the motion has ended, None while it still moves."""
-        result = self._motion.wait(timeout)
+        """Wait at most `timeout` [s]; the result once the motion has ended, None while it still moves.
+
+        Raises:
+            HardwareError: contact to the arm was lost; nothing moves before a person agrees.
+        """
+        try:
+            result = self._motion.wait(timeout)
+        except HardwareError as error:
+            self._guard.lost(self._name, error)
+            raise
         if result is not None and not self._told:
             self._told = True
             self._guard.ended(result)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evg_app.config.franka import ToolBox
-from evg_app.errors import HardwareError, Refused, Stopped
+from evg_app.errors import DeviceTimeout, HardwareError, Refused, Stopped
 from evg_app.events import MotionStarted
 from evg_app.robots.guard import GuardedArm
 from evg_app.types import ArmMode, ArmState, MotionResult, Trajectory
@@ -154,3 +154,24 @@ def test_cancel_reaches_the_arm():
     motion = guarded(arm).execute(way(0.6))
     motion.cancel()
     assert motion._motion.cancels == 1
+
+
+class Vanishing(Motion):
+    """Contact is lost while it moves."""
+
+    def wait(self, timeout: float) -> MotionResult | None:
+        raise DeviceTimeout("/joint_states (last one 0.61 s old)", 0.5, "Run: ros2 launch x y")
+
+
+def test_after_a_motion_was_lost_from_sight_an_arm_that_comes_back_moves_only_when_a_person_agrees():
+    arm, person = Arm(), Person(False)
+    guard = guarded(arm, person)
+    arm.execute = lambda trajectory: Vanishing(arm.result)
+    guard.listen(MotionStarted("reach", 1.0))
+    with pytest.raises(DeviceTimeout, match="Run: ros2 launch"):
+        guard.execute(way(0.6)).wait(0.1)
+    with pytest.raises(HardwareError, match=r"contact was lost during 'reach'.*recover\(\) first"):
+        guard.execute(way(0.6))
+    with pytest.raises(HardwareError, match="nobody let it go on; it holds"):
+        guard.recover(1.0)
+    assert arm.recoveries == 0 and "contact was lost during 'reach'" in person.questions[0]

@@ -18,6 +18,7 @@ from evg_app.robots.ros2.messages import braking, duration, joint_trajectory
 from evg_app.robots.ros2.motion import ActionCarrier, Carrier, Ros2Motion, TopicCarrier
 from evg_app.robots.ros2.network import network
 from evg_app.robots.ros2.recovery import Recovery
+from evg_app.robots.ros2.rivals import LEASE_S, require_one, servers, too_many
 from evg_app.robots.ros2.state import StateReader
 from evg_app.types import ArmMode, ArmState, Trajectory
 
@@ -25,6 +26,8 @@ LOST_WITHOUT_CONTROL_MSGS = (
     "control_msgs is not there, so trajectories go to {topic}: nobody accepts or rejects them, no reason is given when "
     "the controller gives up, and a stop is not confirmed. Run: evg-app ros build"
 )
+NODES_S = 5.0
+"""The names of other nodes come after what they serve; a message waits this long for one of them [s]."""
 
 
 class Ros2Arm:
@@ -62,7 +65,7 @@ class Ros2Arm:
 
         Raises:
             MissingExtra: rclpy is not installed.
-            HardwareError: somebody did not turn up; named, with the command that starts it.
+            HardwareError: somebody did not turn up, or two robots did; named, with the command to run.
         """
         self._link.acquire()
         self._entered = True
@@ -72,6 +75,8 @@ class Ros2Arm:
             missing = self._missing()
             if missing:
                 raise HardwareError(self._not_found(missing))
+            if self._client is not None:
+                require_one(self._link, self._config.arm_action, LEASE_S)
         except BaseException:
             self.__exit__(None, None, None)
             raise
@@ -105,9 +110,14 @@ class Ros2Arm:
             return bool(self._client.server_is_ready())
         return self._publisher is not None and self._publisher.get_subscription_count() > 0
 
+    def _other_nodes(self) -> list[str]:
+        """Names of the other nodes in sight."""
+        return sorted(set(self._link.node.get_node_names()) - {self._link.node.get_name()})
+
     def _not_found(self, missing: list[str]) -> str:
-        seen = [name for name in self._link.node.get_node_names() if name != self._link.node.get_name()]
-        others = f"nodes seen: {', '.join(sorted(seen))}" if seen else "no other node is seen at all: same domain?"
+        self._link.wait_until(lambda: bool(self._other_nodes()), NODES_S)
+        seen = self._other_nodes()
+        others = f"nodes seen: {', '.join(seen)}" if seen else "no other node is seen at all: same domain?"
         return (
             f"not there after {self._config.server_timeout_s:g} s: {', '.join(missing)} ({network()}; {others}). "
             f"Run: {self._config.start_arm}   or look: evg-app ros check"
@@ -153,7 +163,7 @@ class Ros2Arm:
 
         Raises:
             Refused: it does not start where the arm is, or is for other joints; nothing was sent.
-            HardwareError: the arm is not ready, nobody serves the action, or the controller rejected it.
+            HardwareError: the arm is not ready, not exactly one controller is there, or it rejected the goal.
             DeviceTimeout: the state is stale, or the controller did not answer; a late goal is cancelled.
         """
         if trajectory.joint_names != self.joint_names:
@@ -184,6 +194,7 @@ class Ros2Arm:
         if self._client is None:
             self._publish(message)
             return TopicCarrier(self._brake, self.state, trajectory, self._clock)
+        require_one(self._link, config.arm_action)
         request = interface("control_msgs.action", "FollowJointTrajectory").Goal(trajectory=message)
         request.goal_time_tolerance = duration(config.settle_s)
         goal = Goal(self._link, self._client, config.arm_action)
@@ -234,13 +245,18 @@ class Ros2Arm:
                 raise HardwareError("the user stop is pressed. Release it; then start the run again")
 
     def _idle(self) -> bool:
-        if not (self._reader.healthy() and self._serves()):
+        if not (self._reader.healthy() and self._serves() and self._alone()):
             return False
         return float(np.abs(self._reader.read(moving=False).dq).max(initial=0.0)) < self._config.rest_rad_s
+
+    def _alone(self) -> bool:
+        return self._client is None or servers(self._link, self._config.arm_action) <= 1
 
     def _unwell(self) -> str:
         """Why the arm is not idle, and what to do."""
         if self._missing():
             return f"Not there: {', '.join(self._missing())}. Run: {self._config.start_arm}"
+        if not self._alone():
+            return too_many(servers(self._link, self._config.arm_action), self._config.arm_action)
         state = self.state()
         return f"Mode '{state.mode}', errors: {', '.join(state.errors) or 'none'}. Unlock the robot on its web page"

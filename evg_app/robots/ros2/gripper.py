@@ -14,6 +14,7 @@ from evg_app.robots.ros2.feeds import Feed, Joints
 from evg_app.robots.ros2.goal import SUCCEEDED, Goal
 from evg_app.robots.ros2.interfaces import interface
 from evg_app.robots.ros2.link import Link
+from evg_app.robots.ros2.rivals import LEASE_S, require_one
 from evg_app.robots.ros2.service import Service
 from evg_app.types import GripperResult, GripperState
 
@@ -61,7 +62,7 @@ class Ros2Gripper:
         """Connect, and wait until the servers and the state are there.
 
         Raises:
-            HardwareError: somebody did not turn up; named, with the command that starts it.
+            HardwareError: somebody did not turn up, or two hands did; named, with the command to run.
         """
         self._link.acquire()
         self._entered = True
@@ -74,6 +75,7 @@ class Ros2Gripper:
                     f"not there after {self._config.server_timeout_s:g} s: {', '.join(missing)}. franka_ros2's fake "
                     f"hardware has no gripper actions. Run: {self._config.start_gripper}   or look: evg-app ros check"
                 )
+            require_one(self._link, next(iter(self._clients)), LEASE_S)
         except BaseException:
             self.__exit__(None, None, None)
             raise

@@ -1,5 +1,6 @@
 """Who is there of all that a robot config names."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from evg_app.errors import BadInput
 from evg_app.robots.ros2.interfaces import DEPENDENCIES, is_there
 from evg_app.robots.ros2.link import Link
 from evg_app.robots.ros2.network import network
+from evg_app.robots.ros2.rivals import servers, too_many
 
 
 @dataclass(frozen=True)
@@ -61,15 +63,22 @@ def survey(robot: RobotConfig, seconds: float) -> Survey:
     link.acquire()
     try:
         link.wait_until(lambda: set(names) <= _seen(link) and bool(_nodes(link)), seconds)
-        seen, nodes = _seen(link), _nodes(link)
+        seen, nodes, doubled = _seen(link), _nodes(link), _doubled(link, names)
     finally:
         link.release()
     lines.append(f"nodes      {', '.join(nodes) or 'none: same ROS_DOMAIN_ID and discovery range on both sides?'}")
     lines += [f"{'ok   ' if name in seen else 'FAULT'}      {kind} {name}" for name, kind in names.items()]
-    complete = set(names) <= seen and not setting.faults and all(map(is_there, DEPENDENCIES))
+    lines += [f"FAULT      {fault}" for fault in doubled]
+    complete = set(names) <= seen and not (setting.faults or doubled) and all(map(is_there, DEPENDENCIES))
     if not complete:
         lines.append(f"start with: {robot.ros2.start_arm}\n            {robot.ros2.start_gripper}")
     return Survey(tuple(lines), complete)
+
+
+def _doubled(link: Link, names: Mapping[str, str]) -> list[str]:
+    """Actions that more than one robot serves, in words."""
+    counts = {name: servers(link, name) for name, kind in names.items() if kind == "action"}
+    return [too_many(count, name) for name, count in counts.items() if count > 1]
 
 
 def _nodes(link: Link) -> list[str]:

@@ -1,6 +1,5 @@
 """A peer process for all tests, brought home before each; the driver under test on the other side of the wire."""
 
-import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,7 +8,7 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent / "peer"))
 
-from ros2_peer import PeerProcess, isolate, shared_peer
+from ros2_peer import PeerProcess, fresh_domain, shared_peer
 
 from evg_app.config.files import load_robot
 from evg_app.robots.ros2 import Ros2Robot, open_robot
@@ -29,8 +28,7 @@ def peer(running: PeerProcess) -> PeerProcess:
 @pytest.fixture
 def own_peer(monkeypatch: pytest.MonkeyPatch) -> Iterator[PeerProcess]:
     """A peer that a test may kill, alone on its domain."""
-    isolate()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str((int(os.environ["ROS_DOMAIN_ID"]) + 1) % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", fresh_domain())
     peer = PeerProcess()
     yield peer
     peer.close()

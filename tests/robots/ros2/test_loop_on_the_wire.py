@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from ros2_lab import SETTINGS, pick
-from ros2_peer import PeerProcess, isolate
+from ros2_peer import PeerProcess, fresh_domain, isolate
 
 from evg_app.events import Event, MotionStarted, StopReason
 from evg_app.grasping.load import load_planner
@@ -25,7 +25,7 @@ ONE_PASS = SETTINGS.__class__(motion_slack=SETTINGS.motion_slack, max_attempts=1
 def table() -> Iterator[PeerProcess]:
     isolate()
     kept = os.environ["ROS_DOMAIN_ID"]
-    os.environ["ROS_DOMAIN_ID"] = str((int(kept) + 2) % 100)
+    os.environ["ROS_DOMAIN_ID"] = fresh_domain()
     peer = PeerProcess("--speed", SPEED, "--objects", "1")
     yield peer
     peer.close()
@@ -93,8 +93,10 @@ def test_motion_that_the_controller_aborts_is_a_logged_failure(table: PeerProces
     assert result.rounds[0].stop_reason in (StopReason.ERROR, StopReason.ATTEMPT_LIMIT)
 
 
-def test_robot_that_dies_in_mid_motion_ends_the_run_with_a_complete_row_and_the_next_command(tmp_path: Path):
-    isolate()
+def test_robot_that_dies_in_mid_motion_ends_the_run_with_a_complete_row_and_the_next_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("ROS_DOMAIN_ID", fresh_domain())
     peer = PeerProcess("--speed", SPEED, "--objects", "1")
     try:
         result = once(peer, tmp_path / "run", "reach", peer.kill, with_referee=False)
