@@ -58,6 +58,11 @@ class ReplayCamera:
             source.close()
 
     @property
+    def identity(self) -> dict[str, str]:
+        """Where the frames come from."""
+        return {"driver": "replay", "source": self._name}
+
+    @property
     def intrinsics(self) -> Intrinsics:
         """Of the depth stream, as it was stored."""
         if self._intrinsics is None:

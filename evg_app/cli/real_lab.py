@@ -11,8 +11,9 @@ from evg_app.cli.hardware_arguments import REPLAY
 from evg_app.clock import Clock, WallClock
 from evg_app.config.calibration import Calibration
 from evg_app.config.models import CameraConfig, RobotConfig
-from evg_app.events import Sink, Warned
+from evg_app.events import DevicesConnected, Sink, Warned
 from evg_app.geometry import T_GRASP_TCP, Array
+from evg_app.identity import identity_of
 from evg_app.motion.kinematics import Kinematics, hand_to_grasp
 from evg_app.robots.fci.arm import FciArm
 from evg_app.robots.guard import Ask, GuardedArm
@@ -168,8 +169,10 @@ def link_report(arm: FciArm) -> str:
 
 @contextmanager
 def entered(lab: RealLab, sink: Sink) -> Iterator[RealLab]:
-    """All devices entered; warnings of the connection go to the sink."""
+    """All devices entered; what they are and warnings of the connection go to the sink."""
     with lab.camera, lab.arm, lab.gripper:
+        named = {"camera": lab.camera, "arm": lab.arm, "gripper": lab.gripper}
+        sink(DevicesConnected({name: identity_of(device) for name, device in named.items()}))
         for text in getattr(lab.arm.inner, "warnings", ()):
             sink(Warned("robot connection", text))
         yield lab

@@ -87,6 +87,7 @@ class RobotConfig(Model):
     """One arm with its gripper and its place in the lab (`robot_configs/<name>.yaml`).
 
     Attributes:
+        serial: of the arm, as on its base plate; neither the FCI nor ROS tells it, so it is logged from here.
         joints, hand_link: what everything outside the URDF calls them.
         urdf_joints, urdf_hand_link: what the URDF calls them, where that differs.
         look_q_rad: where the arm waits while the camera looks.
@@ -100,6 +101,7 @@ class RobotConfig(Model):
     name: str
     driver: Literal["ros2", "fci"]
     description: str
+    serial: str = ""
     urdf: str
     srdf: str
     joints: tuple[str, ...]

@@ -6,6 +6,7 @@ from evg_app.events.course import (
     AttemptFinished,
     AttemptStarted,
     DepthChecked,
+    DevicesConnected,
     RoundFinished,
     RoundStarted,
     RunFinished,
@@ -44,6 +45,7 @@ __all__ = [
     "AttemptOutcome",
     "AttemptStarted",
     "DepthChecked",
+    "DevicesConnected",
     "Event",
     "Evidence",
     "FrameTaken",
@@ -94,6 +96,7 @@ Event = (
     | AttemptFinished
     | RoundFinished
     | RunFinished
+    | DevicesConnected
     | DepthChecked
     | Warned
 )

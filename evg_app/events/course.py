@@ -98,6 +98,13 @@ class RunFinished:
 
 
 @dataclass(frozen=True, eq=False)
+class DevicesConnected:
+    """Before a run: what camera, arm and gripper say of themselves (driver, versions, serial numbers), by name."""
+
+    devices: Mapping[str, Mapping[str, str]]
+
+
+@dataclass(frozen=True, eq=False)
 class DepthChecked:
     """The camera was judged before a run: `measures` by name ([m], [deg], shares), `advice` empty when good enough."""
 

@@ -2,7 +2,7 @@
 after it stopped by itself or was lost from sight. Software limits, not a safety function."""
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -12,6 +12,7 @@ from evg_app.config.franka import ToolBox
 from evg_app.errors import DeviceTimeout, HardwareError, Refused, Stopped
 from evg_app.events import Event, MotionStarted
 from evg_app.geometry import Array
+from evg_app.identity import identity_of
 from evg_app.robots.protocol import Arm, MotionHandle
 from evg_app.types import ArmMode, ArmState, MotionResult, Trajectory
 
@@ -60,6 +61,11 @@ class GuardedArm:
     def inner(self) -> Arm:
         """The arm that is guarded."""
         return self._arm
+
+    @property
+    def identity(self) -> Mapping[str, str]:
+        """Of the arm that is guarded."""
+        return identity_of(self._arm)
 
     @property
     def joint_names(self) -> tuple[str, ...]:

@@ -190,6 +190,12 @@ def _pictures(rows: LogRows, chosen: Sequence[sqlite3.Row]) -> str:
     return f'<div class="pictures">{"".join(figures)}</div>' if figures else ""
 
 
+def _devices(devices: Mapping[str, Mapping[str, str]]) -> str:
+    """What camera, arm and gripper said of themselves."""
+    told = (f"{name}: {', '.join(f'{k} {v}' for k, v in facts.items())}" for name, facts in devices.items())
+    return "; ".join(told) or "not asked"
+
+
 def _origin(facts: Mapping[str, Any], config: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
     calibration = config.get("calibration")
     hashes = [
@@ -200,6 +206,7 @@ def _origin(facts: Mapping[str, Any], config: Mapping[str, Any], provenance: Map
         ("python, machine", f"{provenance.get('python', '')}, {provenance.get('platform', '')}"),
         ("command", " ".join(provenance.get("command", []))),
         ("packages", ", ".join(f"{k} {v}" for k, v in provenance.get("packages", {}).items())),
+        ("devices", _devices(provenance.get("devices", {}))),
         ("log", f"schema {facts['schema_version']}, {facts['sessions']} session(s), run id {facts['run_id']}"),
     ]
     text = escape(json.dumps(config, indent=1, sort_keys=True))

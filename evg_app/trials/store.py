@@ -14,6 +14,7 @@ from uuid import uuid4
 from evg_app.events import (
     AttemptFinished,
     AttemptStarted,
+    DevicesConnected,
     Event,
     RoundFinished,
     RoundStarted,
@@ -100,7 +101,9 @@ class TrialStore:
             self._db.close()
 
     def _take(self, event: Event) -> None:
-        if isinstance(event, RunStarted):
+        if isinstance(event, DevicesConnected):
+            self._facts["devices"] = {name: dict(told) for name, told in event.devices.items()}
+        elif isinstance(event, RunStarted):
             self._run_started(event)
         elif isinstance(event, RoundStarted):
             self._round_started(event)

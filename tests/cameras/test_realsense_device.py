@@ -15,6 +15,7 @@ from evg_app.clock import WallClock
 from evg_app.config.camera import RealSenseModel
 from evg_app.config.files import load_camera
 from evg_app.errors import BadInput, DeviceTimeout, HardwareError, MissingExtra
+from evg_app.identity import identity_of
 
 pytestmark = pytest.mark.slow
 
@@ -84,6 +85,8 @@ def test_of_several_cameras_one_must_be_named(good):
         opened(bus).__enter__()
     with opened(bus, serial="22") as camera:
         assert camera.info.serial == "22"
+        told = identity_of(camera)
+        assert told["driver"] == "realsense" and told["serial"] == "22" and told["firmware"] and told["pyrealsense2"]
     with opened(bus, serial="11") as one, opened(bus, serial="22") as other:
         assert {one.info.serial, other.info.serial} == {"11", "22"}
         assert one.capture(after=0.0, timeout=3.0).depth.shape == other.capture(after=0.0, timeout=3.0).depth.shape

@@ -29,6 +29,7 @@ from evg_app.cameras.realsense.start import Recording
 from evg_app.clock import Clock, WallClock
 from evg_app.config.files import load_camera, load_robot, load_world
 from evg_app.errors import DeviceTimeout, HardwareError, Refused
+from evg_app.identity import identity_of
 from evg_app.robots.protocol import Arm, Gripper, MotionHandle
 from evg_app.simulation.arm import SimulatedArm
 from evg_app.simulation.builtin import builtin_objects
@@ -182,6 +183,12 @@ def test_state_has_a_fresh_stamp_and_no_errors(bench: Bench):
     assert first.mode is ArmMode.IDLE and first.errors == ()
 
 
+def test_devices_say_what_they_are(bench: Bench):
+    for device in (bench.arm, bench.gripper):
+        told = identity_of(device)
+        assert told["driver"] and all(isinstance(value, str) for value in told.values())
+
+
 def test_trajectory_is_followed_to_its_goal(bench: Bench):
     trajectory = motion(bench.arm, TURN)
     handle = bench.arm.execute(trajectory)
@@ -282,6 +289,10 @@ def test_frame_is_fresh_metric_and_complete(view: CameraBench):
     assert 0.0 < np.median(frame.metres()[frame.depth > 0]) < 5.0
     if frame.color is not None:
         assert frame.color.dtype == np.uint8 and frame.color.shape == (K.height, K.width, 3)
+
+
+def test_camera_says_what_it_is(view: CameraBench):
+    assert identity_of(view.camera)["driver"]
 
 
 def test_frames_are_counted(view: CameraBench):

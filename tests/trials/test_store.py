@@ -1,5 +1,6 @@
 """A run folder is never overwritten, and what was finished survives a kill."""
 
+import json
 import os
 import re
 import shutil
@@ -14,12 +15,14 @@ from kill_harness import kill_often
 from picking_fakes import LOOK, Lab
 
 from evg_app.errors import BadInput
-from evg_app.events import AttemptFinished, RunStarted, StateEntered, Warned
+from evg_app.events import AttemptFinished, DevicesConnected, RunFinished, RunStarted, StateEntered, Warned
 from evg_app.trials import arrays, schema
 from evg_app.trials.folder import make, newest
 from evg_app.trials.labels import VIEWER, add_label
+from evg_app.trials.page import page
 from evg_app.trials.provenance import canonical, git_commit, provenance, sha256
 from evg_app.trials.recorder import Recorder
+from evg_app.trials.rows import read_rows
 from evg_app.trials.schema import DATABASE, FIRST_TABLES, SCHEMA_VERSION, open_existing
 from evg_app.trials.store import LogError, TrialStore
 from evg_app.trials.summary import summary
@@ -103,6 +106,17 @@ def test_a_full_disk_while_arrays_are_written_stops_the_run_and_keeps_the_log_re
     assert isinstance(result.error, LogError) and result.exit_code == 4
     assert "No space left" in str(result.error)
     assert summary(tmp_path / "run")["successes"] == 1
+
+
+def test_what_the_devices_said_of_themselves_is_in_the_provenance(tmp_path):
+    devices = {"camera": {"driver": "realsense", "serial": "77", "firmware": "5.17"}, "arm": {"driver": "fci"}}
+    with Recorder(tmp_path / "run", {}, {"machine": "here"}) as recorder:
+        recorder(DevicesConnected(devices))
+        recorder(RunStarted((0,), 1, "none", ""))
+        recorder(RunFinished("finished"))
+    row = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert row["provenance"] == {"machine": "here", "devices": devices}
+    assert "serial 77" in page(read_rows(tmp_path / "run"))
 
 
 def test_an_interrupted_run_still_has_numbers(tmp_path):

@@ -13,6 +13,7 @@ from evg_app.clock import Clock
 from evg_app.config.camera import CameraConfig
 from evg_app.errors import BadInput, DeviceTimeout, HardwareError
 from evg_app.geometry import Array
+from evg_app.identity import installed
 from evg_app.types import Frame, Intrinsics
 
 
@@ -77,6 +78,14 @@ class RealSenseCamera:
     def info(self) -> CameraInfo:
         """Serial number, firmware and USB link."""
         return self._connection.link.info
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Model, serial number, firmware, link and library, and what its depth sensor was set to."""
+        info = self.info
+        told = {"driver": "realsense", "name": info.name, "serial": info.serial, "firmware": info.firmware}
+        told |= {"firmware wanted": info.recommended, "usb": info.usb, "pyrealsense2": installed("pyrealsense2")}
+        return told | {name: f"{value:g}" for name, value in self.settings.items()}
 
     @property
     def settings(self) -> dict[str, float]:

@@ -59,6 +59,15 @@ class FciArm:
         """What a person should know about this connection."""
 
     @property
+    def identity(self) -> dict[str, str]:
+        """Library, address and load as the controller stated them; the serial number is the config's."""
+        told = {"driver": "fci", "serial": self._robot.serial, "host": self._robot.fci.host}
+        facts = self.facts
+        if facts is not None:
+            told |= {"pylibfranka": facts.library, "hand mass [kg]": f"{facts.m_ee:.3f}", "scheduling": facts.realtime}
+        return told
+
+    @property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the seven joints."""
         return tuple(self._robot.joints)

@@ -5,6 +5,7 @@ from typing import Self
 
 from evg_app.config.models import RobotConfig
 from evg_app.errors import DeviceTimeout, HardwareError, MissingExtra
+from evg_app.identity import installed
 from evg_app.robots.fci.hand import main
 from evg_app.robots.fci.messages import Failed, Grip, Gripped, Leave
 from evg_app.robots.fci.versions import connect_advice
@@ -26,7 +27,7 @@ class FciGripper:
         self._host, self._max_width = robot.fci.host, robot.gripper.max_width_m
         self._worker: Worker | None = None
         self._busy = False
-        self._window: tuple[float, float] | None = None
+        self._first: Gripped | None = None
 
     def __enter__(self) -> Self:
         try:
@@ -44,12 +45,20 @@ class FciGripper:
     def _connect(self) -> None:
         self._worker = Worker("hand", main, (self._host,), Leave())
         self._busy = False
-        self.first = self._answer("the hand to answer", CONNECT_TIMEOUT)
+        self._first = self._answer("the hand to answer", CONNECT_TIMEOUT)
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Library, protocol and widest opening that the hand states."""
+        told = {"driver": "fci", "host": self._host, "pylibfranka": installed("pylibfranka")}
+        if self._first is None:
+            return told
+        return told | {"server version": str(self._first.server), "max width [m]": f"{self._first.max_width:.4f}"}
 
     @property
     def needs_homing(self) -> bool:
         """Whether the hand does not know its widest opening yet: its fingers were never homed since power-on."""
-        return self.first.max_width < 0.75 * self._max_width
+        return self._first is not None and self._first.max_width < 0.75 * self._max_width
 
     def _leave(self) -> None:
         if self._worker is not None:

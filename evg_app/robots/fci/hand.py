@@ -59,4 +59,5 @@ def _read(gripper: Any, success: bool, message: str = "") -> Gripped:
         bool(state.is_grasped),
         time.monotonic(),
         message,
+        int(gripper.server_version()),
     )

@@ -117,7 +117,10 @@ class Grip:
 
 @dataclass(frozen=True)
 class Gripped:
-    """What a gripper command ended with: the device's verdict, opening and widest opening [m], its flag, when [s]."""
+    """What a gripper command ended with: the device's verdict, opening and widest opening [m], its flag, when [s].
+
+    `server` is the version of the protocol that the hand speaks.
+    """
 
     success: bool
     width: float
@@ -125,3 +128,4 @@ class Gripped:
     is_grasped: bool
     stamp: float
     message: str = ""
+    server: int = 0

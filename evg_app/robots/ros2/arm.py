@@ -11,6 +11,7 @@ from evg_app.config.models import RobotConfig
 from evg_app.config.ros2 import Ros2Model
 from evg_app.errors import DeviceTimeout, HardwareError, Refused
 from evg_app.geometry import Array
+from evg_app.identity import installed
 from evg_app.robots.ros2.goal import Goal
 from evg_app.robots.ros2.interfaces import interface, is_there
 from evg_app.robots.ros2.link import Link
@@ -48,8 +49,15 @@ class Ros2Arm:
         self._publisher: Any = None
         self._motion: Ros2Motion | None = None
         self._entered = False
+        self._met: tuple[str, ...] = ()
         self.warnings: tuple[str, ...] = ()
         """What a person should know about this connection; filled on entry."""
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Middleware, domain and the nodes in sight at connect; the serial number is the config's."""
+        told = {"driver": "ros2", "serial": self._robot.serial, "action": self._config.arm_action}
+        return told | {"rclpy": installed("ros-jazzy-rclpy"), "network": str(network()), "nodes": ", ".join(self._met)}
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -77,6 +85,7 @@ class Ros2Arm:
                 raise HardwareError(self._not_found(missing))
             if self._client is not None:
                 require_one(self._link, self._config.arm_action, LEASE_S)
+            self._met = tuple(self._other_nodes())
         except BaseException:
             self.__exit__(None, None, None)
             raise

@@ -47,6 +47,11 @@ class Ros2Gripper:
         self._held_at: float | None = None
         self._entered = False
 
+    @property
+    def identity(self) -> dict[str, str]:
+        """The kind of hand and what its actions are called."""
+        return {"driver": "ros2", "kind": self._names.kind, "actions": ", ".join(self._actions())}
+
     def _actions(self) -> dict[str, tuple[str, str]]:
         """Kind (module, class) of every action, by its name on the wire."""
         names = self._names
