@@ -33,6 +33,8 @@ SHARD_SIZE = 50
 """Scenes per shard."""
 VALIDATION_EVERY = 20
 """Shards 0, 20, 40 ... hold scenes of validation objects only; the others of training objects only."""
+KINDS = ("packed", "pile", "adversarial", "toppled")
+"""Scenes to train on. Toppled: objects that usually stand, thrown: what a failed grasp in a packed scene leaves."""
 LABEL_RULE = 3
 """Number of the labelling rule; part of what identifies a data set."""
 
@@ -45,8 +47,8 @@ class GenerateConfig:
         seed: of everything.
         scenes: how many; rounded up to whole shards.
         packed_folders, pile_folders: object folders (VGN layout) beside the built-in training objects.
-        kinds: share of packed, pile and adversarial scenes.
-        mean_objects: scenes ask for 1 + Poisson(mean_objects) objects.
+        kinds: share of the scenes of each of `KINDS`.
+        mean_objects: scenes ask for 1 + Poisson(mean_objects) objects, toppled ones for half as many more than one.
         candidates: grasps tried per scene (a third as many again near positives).
         grasps: positives, and negatives, stored per scene at most.
         slip_share: share of the negatives that are collision-free slips, where there are enough.
@@ -61,7 +63,7 @@ class GenerateConfig:
     scenes: int = 5000
     packed_folders: tuple[str, ...] = ()
     pile_folders: tuple[str, ...] = ()
-    kinds: tuple[float, float, float] = (0.40, 0.45, 0.15)
+    kinds: tuple[float, float, float, float] = (0.30, 0.35, 0.10, 0.25)
     mean_objects: float = 4.0
     candidates: int = 2400
     grasps: int = 120
@@ -179,9 +181,9 @@ def make_scene(config: GenerateConfig, unit: int, validation: bool) -> SceneSamp
     pools = object_pools(config.packed_folders, config.pile_folders, validation)
     for attempt in range(20):
         rng = np.random.default_rng([config.seed, unit, attempt])
-        kind = str(rng.choice(["packed", "pile", "adversarial"], p=config.kinds))
-        objects = draw_objects(pools, kind, rng)
-        recipe = SceneRecipe(kind, Poisson(config.mean_objects))
+        kind = str(rng.choice(KINDS, p=config.kinds))
+        objects = draw_objects(pools, "packed" if kind == "toppled" else kind, rng)
+        recipe = scene_recipe(kind, config.mean_objects)
         try:
             state = generate_scene_state(recipe, objects, int(rng.integers(2**31)))
         except SceneError:
@@ -189,6 +191,13 @@ def make_scene(config: GenerateConfig, unit: int, validation: bool) -> SceneSamp
         if state.objects:
             return _sample(config, state, f"{kind}/{unit}", rng)
     raise BadInput(f"scene {unit} did not settle in 20 attempts; check the object folders")
+
+
+def scene_recipe(kind: str, mean_objects: float) -> SceneRecipe:
+    """How a scene of one of `KINDS` is built."""
+    if kind != "toppled":
+        return SceneRecipe(kind, Poisson(mean_objects))
+    return SceneRecipe("pile", Poisson(0.5 * mean_objects), scale_range=SceneRecipe("packed").scales)
 
 
 def solids_of(state: SceneState) -> list[Solid]:
