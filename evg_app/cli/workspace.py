@@ -1,6 +1,7 @@
-"""`evg-app workspace`: measure T_base_task by touching the table with the finger tips.
+"""`evg-app workspace`: measure T_base_task by touching the table with the finger tips, or by a board that lies on it.
 
-Example: `evg-app workspace --robot fr3 --driver fci --host 172.16.0.2 --config-dir my`
+Examples: `evg-app workspace --robot fr3 --driver fci --host 172.16.0.2 --config-dir my`
+`evg-app workspace --robot fr3 --marker charuco_a4 --camera d435i --config-dir my --write`
 """
 
 import argparse
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from evg_app.cli import workspace_marker
 from evg_app.cli.console import say
 from evg_app.config.files import find, load_robot, shipped_folder
 from evg_app.config.models import RobotConfig
@@ -23,17 +25,18 @@ CORNERS = ("near right", "near left", "far left", "far right")
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
-    parser = verbs.add_parser("workspace", help="measure where the table is, by touching it", description=__doc__)
+    parser = verbs.add_parser("workspace", help="measure where the table is", description=__doc__)
     parser.add_argument("--robot", default="panda", metavar="NAME", help="robot_configs/NAME.yaml (default: panda)")
     parser.add_argument("--driver", choices=("ros2", "fci"), help="how to reach the arm (default: the robot's config)")
     parser.add_argument("--host", default="", metavar="ADDRESS", help="the arm's address for --driver fci")
     parser.add_argument("--config-dir", type=Path, metavar="DIR", help="your own robot_configs/, looked up first")
     parser.add_argument("--write", action="store_true", help="put the result into your robot_configs/NAME.yaml")
+    workspace_marker.add_arguments(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask for each corner, read the arm, and say where the workspace is. Returns 0.
+    """Find the table by touches or by a board, and say where the workspace is. Returns 0.
 
     Raises:
         EvgError: refusal, hardware, or the person stopped.
@@ -41,20 +44,29 @@ def run(args: argparse.Namespace) -> int:
     robot = load_robot(args.robot, args.config_dir)
     target = own_file(args.robot, args.config_dir) if args.write else None
     from evg_app.cli.operator import Operator
-    from evg_app.cli.real_lab import Wishes, open_arm
-    from evg_app.motion.kinematics import Kinematics, hand_to_grasp
     from evg_app.picking.stop import StopToken
 
-    kinematics = Kinematics(robot)
-    to_tip = hand_to_grasp(robot) @ translation(0.0, 0.0, FINGER_DEPTH)
     operator = Operator(StopToken())
-    with open_arm(robot, Wishes(args.driver or robot.driver, "", args.host), kinematics) as arm:
-        table = measure(lambda: (kinematics.fk_hand(arm.state().q) @ to_tip)[:3, 3], operator.ready)
+    if args.marker:
+        table = workspace_marker.by_marker(args, robot, operator.ready)
+    else:
+        table = _by_touch(args, robot, operator.ready)
     report(robot, table)
     if target is not None:
         write(target, table)
         say(f"written to {target}")
     return 0
+
+
+def _by_touch(args: argparse.Namespace, robot: RobotConfig, ready: Callable[[str], bool]) -> TouchedTable:
+    """With the arm guided by hand."""
+    from evg_app.cli.real_lab import Wishes, open_arm
+    from evg_app.motion.kinematics import Kinematics, hand_to_grasp
+
+    kinematics = Kinematics(robot)
+    to_tip = hand_to_grasp(robot) @ translation(0.0, 0.0, FINGER_DEPTH)
+    with open_arm(robot, Wishes(args.driver or robot.driver, "", args.host), kinematics) as arm:
+        return measure(lambda: (kinematics.fk_hand(arm.state().q) @ to_tip)[:3, 3], ready)
 
 
 def measure(tip: Callable[[], Array], ready: Callable[[str], bool]) -> TouchedTable:

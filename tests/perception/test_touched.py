@@ -31,7 +31,7 @@ def test_a_slight_tilt_is_measured():
 @pytest.mark.parametrize(
     ("points", "why"),
     [
-        (SQUARE[:3], "3 touches"),
+        (SQUARE[:3], "3 of kind 'touch', needed are 4"),
         (np.repeat(SQUARE[:1], 4, axis=0), "span"),
         (SQUARE + np.outer((0.02, 0, 0, 0), (0, 0, 1)), "off the plane"),
         (SQUARE + np.outer((0, 0, 0.02, 0.02), (0, 0, 1)), "tilted"),
