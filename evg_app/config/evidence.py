@@ -11,7 +11,6 @@ class EvidenceModel(Model):
     """Signs that something is held, beside the opening (`gripper.held_width_m`, `gripper.open_margin_m`).
 
     Attributes:
-        max_drift_m: between lift and bin the opening of a held object changes by less than this.
         check_empty_hand: without a referee, close the fingers once more after they opened above the bin: what sticks to
             one of them stops them.
         look_at_place: without a referee, look once more after the pick whether the object has left its place.
@@ -21,7 +20,6 @@ class EvidenceModel(Model):
         place_compared: share of that surface that must be visible for the look to count.
     """
 
-    max_drift_m: Positive = 0.015
     check_empty_hand: bool = True
     look_at_place: bool = True
     place_radius_m: Positive = 0.04

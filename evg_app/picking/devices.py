@@ -10,12 +10,14 @@ from evg_app.geometry import Array
 from evg_app.picking.session import Round
 from evg_app.picking.waiting import Budget, measured
 from evg_app.robots.protocol import MotionHandle
-from evg_app.types import ArmMode, ArmState, GripperResult, MotionResult, Trajectory
+from evg_app.types import ArmMode, ArmState, GripperResult, GripperState, MotionResult, Trajectory
 
 CANCEL_TIMEOUT = 2.0
 """How long a cancelled motion may take to end [s]."""
 OPEN_MARGIN = 0.004
 """The gripper counts as open within this of its widest opening [m]."""
+REST_SLICE, REST_STEP, REST_TIMEOUT = 0.1, 0.001, 1.0
+"""Fingers rest when they move by less than the step [m] in a slice [s]; longer than the timeout [s] nobody waits."""
 
 CONTACT = "contact"
 """How the reason of a motion starts that contact ended."""
@@ -187,6 +189,22 @@ def close_gripper(round_: Round) -> GripperResult:
     )
     _gripper_moved(round_, "close", result, start)
     return result
+
+
+def resting_fingers(round_: Round) -> GripperState:
+    """The gripper's state once its fingers rest: they still close when the object was lost on the last stretch.
+
+    After `REST_TIMEOUT` the state is taken as it is.
+    """
+    ctx = round_.ctx
+    budget, before = Budget(ctx.devices.clock, REST_TIMEOUT, REST_SLICE), ctx.devices.gripper.state()
+    while True:
+        ctx.stop.check()
+        ctx.devices.clock.sleep(REST_SLICE)
+        now = ctx.devices.gripper.state()
+        if abs(now.width - before.width) < REST_STEP or not budget.spend():
+            return now
+        before = now
 
 
 def _gripper_moved(round_: Round, command: str, result: GripperResult, start: float) -> None:

@@ -58,12 +58,6 @@ def gone(signs: Signs, rule: EvidenceModel) -> bool | None:
     return signs.place_area >= rule.place_area_m2
 
 
-def _kept(signs: Signs, lifted: float, gripper: GripperModel, rule: EvidenceModel) -> bool:
-    """Whether what was lifted arrived above the bin: fingers that moved on the way have lost it."""
-    above = signs.width_release
-    return above is not None and in_window(above, gripper) and abs(above - lifted) <= rule.max_drift_m
-
-
 def judge(signs: Signs, gripper: GripperModel, rule: EvidenceModel) -> Judgement:
     """Held when the opening says so after the lift and above the bin, it left the hand there, and left its place.
 
@@ -74,7 +68,7 @@ def judge(signs: Signs, gripper: GripperModel, rule: EvidenceModel) -> Judgement
     if signs.width_lifted is None:
         return Judgement(False, "never lifted")
     lifted = in_window(signs.width_lifted, gripper)
-    kept = _kept(signs, signs.width_lifted, gripper, rule)
+    kept = signs.width_release is not None and in_window(signs.width_release, gripper)
     why = "nothing held after lift" if not lifted else "lost in transit" if not kept else ""
     if not why and signs.width_emptied is not None and signs.width_emptied > gripper.held_width_m:
         why = "still in the hand"

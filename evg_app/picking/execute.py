@@ -16,6 +16,7 @@ from evg_app.picking.devices import (
     follow,
     go_to,
     open_gripper,
+    resting_fingers,
 )
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome, State
@@ -87,8 +88,8 @@ def drop(round_: Round) -> Moved:
 
 
 def release(round_: Round) -> Literal[Outcome.OK]:
-    """Look at the fingers once more, then open them over the bin."""
-    state = round_.ctx.devices.gripper.state()
+    """Look at the fingers once more when they rest, then open them over the bin."""
+    state = resting_fingers(round_)
     attempt = round_.now
     attempt.held_release = held(state, round_.ctx.robot.gripper)
     attempt.note(width_release=state.width, is_grasped_release=state.is_grasped)
