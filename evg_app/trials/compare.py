@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import fisher_exact
 
 from evg_app.trials.statistics import Z_95, wilson
 
@@ -48,6 +47,8 @@ def newcombe(k1: int, n1: int, k2: int, n2: int, z: float = Z_95) -> tuple[float
 
 def fisher(k1: int, n1: int, k2: int, n2: int) -> float:
     """Two-sided p of Fisher's exact test; attempts count as independent."""
+    from scipy.stats import fisher_exact  # late: importing it takes longer than all other statistics
+
     return float(fisher_exact([[k1, n1 - k1], [k2, n2 - k2]]).pvalue)
 
 

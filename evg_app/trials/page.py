@@ -93,11 +93,12 @@ def _result(facts: Mapping[str, Any], rows: LogRows) -> str:
     if facts["objects"] is not None:
         chart_rows.append(("DR", facts["removed"], facts["objects"]))
     notes = ["Intervals: Wilson, 95 %, attempts counted as independent."]
-    if facts["gsr_bootstrap_ci"] is not None:
-        low, high = (100 * end for end in facts["gsr_bootstrap_ci"])
+    if facts["gsr_rounds_ci"] is not None:
+        low, high = (100 * end for end in facts["gsr_rounds_ci"])
+        b_low, b_high = (100 * end for end in facts["gsr_bootstrap_ci"])
         notes.append(
-            f"With rounds as the units (cluster bootstrap): GSR [{low:.1f}, {high:.1f}] %, "
-            f"design effect {facts['design_effect']:.2f}."
+            f"With rounds as the units: GSR [{low:.1f}, {high:.1f}] % (Wilson, design effect "
+            f"{facts['design_effect']:.2f}, Student's t); cluster bootstrap [{b_low:.1f}, {b_high:.1f}] %."
         )
     if facts["attempts_still_needed_for_5_percent"]:
         notes.append(f"{facts['attempts_still_needed_for_5_percent']} more attempts for +/- 5 points.")

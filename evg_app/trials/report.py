@@ -29,11 +29,12 @@ def _results(facts: Mapping[str, Any]) -> list[str]:
         f"rounds  {facts['rounds']}   picks per hour {facts['picks_per_hour']:.0f}"
         f"   (motion {facts['motion_s']:.1f} s, computing {facts['compute_s']:.1f} s)",
     ]
-    if facts["gsr_bootstrap_ci"] is not None:
-        low, high = (100 * x for x in facts["gsr_bootstrap_ci"])
-        effect = facts["design_effect"]
+    if facts["gsr_rounds_ci"] is not None:
+        low, high = (100 * x for x in facts["gsr_rounds_ci"])
+        b_low, b_high = (100 * x for x in facts["gsr_bootstrap_ci"])
         lines.append(
-            f"        by rounds, GSR [{low:.1f}, {high:.1f}] % (cluster bootstrap; design effect {effect:.2f})"
+            f"        rounds as units, GSR [{low:.1f}, {high:.1f}] % (design effect {facts['design_effect']:.2f}; "
+            f"cluster bootstrap [{b_low:.1f}, {b_high:.1f}])"
         )
     if facts["attempts_still_needed_for_5_percent"]:
         more = facts["attempts_still_needed_for_5_percent"]

@@ -1,8 +1,7 @@
 """How many trials are still needed."""
 
 import math
-
-from scipy.stats import norm
+from statistics import NormalDist
 
 from evg_app.trials.statistics import Z_95, wilson
 
@@ -23,7 +22,7 @@ def to_separate(p1: float, p2: float, power: float = 0.8, level: float = 0.95) -
         raise ValueError(f"rates {p1} and {p2} must lie in [0, 1]")
     if p1 == p2:
         return None
-    za, zb = float(norm.ppf(0.5 + level / 2)), float(norm.ppf(power))
+    za, zb = NormalDist().inv_cdf(0.5 + level / 2), NormalDist().inv_cdf(power)
     mean = (p1 + p2) / 2
     null, own = math.sqrt(2 * mean * (1 - mean)), math.sqrt(p1 * (1 - p1) + p2 * (1 - p2))
     n = ((za * null + zb * own) / (p1 - p2)) ** 2

@@ -4,12 +4,12 @@ Each is an e-process E: under the null hypothesis its expectation is at most 1 a
 E >= 20 happens with probability at most 5 % however often one looks (Ville), and p = 1 / max E is valid at any time.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln
 
 BETS = np.linspace(-0.9, 0.9, 37)
 """Fractions that the test on rounds bets; an even mixture of them is held."""
@@ -73,7 +73,7 @@ def rate_sequence(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
     """
     if not 0 <= k <= n:
         raise ValueError(f"{k} successes in {n} trials is impossible")
-    limit = betaln(k + 0.5, n - k + 0.5) - betaln(0.5, 0.5) + np.log(1 - level)
+    limit = _log_beta(k + 0.5, n - k + 0.5) - _log_beta(0.5, 0.5) + np.log(1 - level)
 
     def inside(p: float) -> bool:
         own = (k * np.log(p) if k else 0.0) + ((n - k) * np.log1p(-p) if n - k else 0.0)
@@ -104,3 +104,8 @@ def _sequential(e: NDArray[np.float64]) -> Sequential:
     crossed = np.flatnonzero(e >= 20.0)
     best = float(e.max())
     return Sequential(tuple(float(x) for x in e), min(1.0, 1.0 / best), int(crossed[0]) + 1 if len(crossed) else None)
+
+
+def _log_beta(a: float, b: float) -> float:
+    """Logarithm of the beta function."""
+    return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)

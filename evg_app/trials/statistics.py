@@ -9,8 +9,8 @@ Z_95 = 1.959963984540054
 """Two-sided 95 % quantile of the normal distribution."""
 
 
-def wilson(k: int, n: int, z: float = Z_95) -> tuple[float, float]:
-    """Wilson score interval of a proportion k/n; (0, 1) when nothing was tried.
+def wilson(k: float, n: float, z: float = Z_95) -> tuple[float, float]:
+    """Wilson score interval of a proportion k/n; (0, 1) when nothing was tried. Effective numbers need not be whole.
 
     Raises:
         ValueError: k is not in 0..n.

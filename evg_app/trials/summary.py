@@ -8,8 +8,9 @@ from typing import Any
 
 from evg_app.events import COMPUTE_STAGES, StopReason
 from evg_app.trials import schema
-from evg_app.trials.bootstrap import cluster_bootstrap, design_effect
+from evg_app.trials.bootstrap import cluster_bootstrap
 from evg_app.trials.reasons import reason, tree
+from evg_app.trials.rounds import design_effect, round_interval
 from evg_app.trials.rows import LogRows, key, read_rows
 from evg_app.trials.sample_size import for_half_width
 from evg_app.trials.statistics import agreement, confusion, fraction, median_p95, picks_per_hour, tally, wilson
@@ -57,11 +58,13 @@ def _rates(rows: LogRows) -> dict[str, Any]:
     return {
         "gsr": fraction(k, n),
         "gsr_ci": list(wilson(k, n)),
+        "gsr_rounds_ci": _listed(round_interval(gsr.successes, gsr.trials)),
         "gsr_bootstrap_ci": _listed(cluster_bootstrap(gsr.successes, gsr.trials)),
         "design_effect": round(design_effect(gsr.successes, gsr.trials), 3),
         "attempts_still_needed_for_5_percent": needed,
         "dr": None if dr is None else fraction(dr.k, dr.n),
         "dr_ci": None if dr is None else list(wilson(dr.k, dr.n)),
+        "dr_rounds_ci": None if dr is None else _listed(round_interval(dr.successes, dr.trials)),
         "dr_bootstrap_ci": None if dr is None else _listed(cluster_bootstrap(dr.successes, dr.trials)),
         "successes": k,
         "removed": None if dr is None else dr.k,
