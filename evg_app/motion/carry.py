@@ -87,6 +87,7 @@ class Carry:
     @staticmethod
     def lift(held: Held, T_start: Array) -> "Carry":
         """For a lift from the hand pose (4, 4)."""
+        held = replace(held, field=held.beside)
         return Carry(held, _allowed(held, T_start), T_start[:3, 3], CONTACT_LIFT, T_start[:3, 2], -1.0, -np.inf)
 
     @staticmethod

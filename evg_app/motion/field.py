@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
+from scipy.spatial.distance import cdist
 
 from evg_app.geometry import Array
 from evg_app.types import CollisionVolume
@@ -48,6 +49,16 @@ class DistanceField:
         gap, _ = cKDTree(points).query(centers, distance_upper_bound=voxels * self._voxel)
         part = self._occupied.copy()
         part[tuple(index[np.isfinite(gap)].T)] = False
+        return type(self)(part, self._origin, self._voxel)
+
+    def outside(self, center: Array, radius: Array) -> Self:
+        """The field of everything but the voxels whose centre is in one of the spheres: (S, 3) and (S,) [m]."""
+        index = np.argwhere(self._occupied)
+        if len(index) == 0:
+            return self
+        gap = cdist(self._origin + (index + 0.5) * self._voxel, center) - radius
+        part = self._occupied.copy()
+        part[tuple(index[gap.min(axis=1) < 0].T)] = False
         return type(self)(part, self._origin, self._voxel)
 
     def at(self, points: Array) -> Array:

@@ -9,7 +9,7 @@ from evg_app.config.models import RobotConfig
 from evg_app.errors import LimitViolation, Refused
 from evg_app.geometry import Array
 from evg_app.motion.carry import Carry, drop_goals
-from evg_app.motion.held import Held, estimate
+from evg_app.motion.held import Held, estimates
 from evg_app.motion.kinematics import hand_of_grasp
 from evg_app.motion.legs import Leg
 from evg_app.motion.path import JointPath
@@ -39,7 +39,7 @@ class Finisher:
     def plan(
         self, legs: Iterator[Leg], scene: Scene, T_base_grasp: Array, width: float, q_start: Array, search: bool
     ) -> tuple[Leg, PickPlan] | Verdict:
-        """The legs completed, with the whole object in hand or else a shorter one: the first that needs no long detour.
+        """The legs completed, with the whole object in hand or else less of it: the first that needs no long detour.
 
         Args:
             legs: free executions of one grasp, cheapest first.
@@ -52,9 +52,8 @@ class Finisher:
         first = next(legs, None)
         if first is None:
             return Verdict.ARM_COLLISION
-        whole = estimate(self._robot, scene, T_base_grasp, width, self._tip)
-        tips = T_base_grasp[:3, 3] + self._tip * T_base_grasp[:3, 2]
-        short = whole.shortened(float(scene.table.height(tips)))
+        sizes = estimates(self._robot, scene, T_base_grasp, width, self._tip)
+        whole = next(sizes)
         seen: list[Leg] = []
         best: tuple[Leg, PickPlan] | None = None
         for leg in islice(chain([first], legs), MAX_LEGS):
@@ -66,10 +65,7 @@ class Finisher:
                 return best
         if best is not None:
             return best
-        rest = [(leg, short, False) for leg in seen]
-        if search:
-            rest += [(seen[0], held, True) for held in (whole, short)]
-        for leg, held, with_search in rest:
+        for leg, held, with_search in _last_resorts(seen, whole, sizes, search):
             plan = self._complete(leg, held, scene, q_start, with_search)
             if plan is not None:
                 return leg, plan
@@ -129,3 +125,15 @@ class Finisher:
         except (Refused, LimitViolation):
             return None
         return plan
+
+
+def _last_resorts(
+    legs: list[Leg], whole: Held, smaller: Iterator[Held], search: bool
+) -> Iterator[tuple[Leg, Held, bool]]:
+    """What is tried when no leg can be completed with the whole object: legs, estimates, whether to search."""
+    before = [whole]
+    for held in smaller:
+        yield from ((leg, held, False) for leg in legs)
+        if search:
+            yield from ((legs[0], larger, True) for larger in (*before, held))
+        before = []

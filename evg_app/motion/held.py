@@ -2,8 +2,11 @@
 
 What is seen between the fingers is grown to the surface connected with it. One camera sees one side: the cluster is
 mirrored about the vertical through the grasp, and continued down to what it stands on; never into space seen free.
+Where things touch, the cluster is more than the object. What overlaps the estimate where it stands cannot be told from
+it and does not hinder the lift; where no way is left even so, smaller estimates follow.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +15,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from evg_app.config.models import RobotConfig
-from evg_app.geometry import Array, invert
+from evg_app.geometry import MAX_OPENING, Array, invert
 from evg_app.motion.field import DistanceField
 from evg_app.motion.scene import Boxes, Plane, Scene, declared_boxes
 from evg_app.types import Box
@@ -44,7 +47,9 @@ SEEN_MARGIN = 0.004
 RIM_CLEARANCE = 0.03
 """Clearance from the top of the bin's walls [m]."""
 SHORT = 0.05
-"""How far below the finger tips the reduced estimate reaches [m]."""
+"""How far below the finger tips a reduced estimate reaches [m]."""
+OVERLAP = 0.004
+"""Centres of occupied voxels this close to the estimate overlap it [m]."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,7 @@ class Held:
         center: in the frame the spheres are given in: the base at the moment of the grasp, or the hand. (S, 3) [m].
         radius: [m]. Shape (S,).
         field: distance to what is seen of everything else, or None.
+        beside: the same without what the estimate overlaps where it stands; of this the lift keeps clear.
         boxes: declared boxes, the bin's walls raised so that the object clears the rim.
         table: the table plane.
     """
@@ -62,6 +68,7 @@ class Held:
     center: Array
     radius: Array
     field: DistanceField | None
+    beside: DistanceField | None
     boxes: Boxes
     table: Plane
 
@@ -97,8 +104,11 @@ class Held:
         return float((self.table.height(self.placed(T_base_hand[None])[0]) - self.radius).min())
 
 
-def estimate(robot: RobotConfig, scene: Scene, T_base_grasp: Array, width: float, tip: float) -> Held:
-    """What a grasp would hold, as spheres in the base frame.
+def estimates(robot: RobotConfig, scene: Scene, T_base_grasp: Array, width: float, tip: float) -> Iterator[Held]:
+    """What a grasp would hold, as spheres in the base frame: first all that may belong to it, then less.
+
+    The second leaves out what hangs deep below the finger tips, the third all that open fingers cannot have between
+    them; the rest of the cluster then does not hinder the lift. Only the first where nothing is seen.
 
     Args:
         robot: for bin and obstacles.
@@ -110,11 +120,33 @@ def estimate(robot: RobotConfig, scene: Scene, T_base_grasp: Array, width: float
     centre = T_base_grasp[:3, 3] + (tip - INSIDE) * T_base_grasp[:3, 2]
     own = own_points(scene, T_base_grasp, centre, width, tip)
     seen = scene.points[own]
-    volume = _filled(scene, seen, scene.points[~own], centre) if own.any() else centre[None]
-    center, radius = to_spheres(volume, width / 2 if not own.any() else GRAIN / 2)
-    field = None if scene.field is None else scene.field.without(seen, 1.2)
-    boxes = (*(_raised(box) for box in declared_boxes(robot)), *scene.extra)
-    return Held(center, radius, field, Boxes.of(boxes), scene.table)
+    boxes = Boxes.of((*(_raised(box) for box in declared_boxes(robot)), *scene.extra))
+    field = _without(scene.field, seen)
+    if not own.any():
+        yield Held(centre[None], np.array([width / 2]), field, field, boxes, scene.table)
+        return
+    volume = _filled(scene, seen, scene.points[~own], centre)
+    center, radius = to_spheres(volume, GRAIN / 2)
+    beside = None if field is None else field.outside(center, radius + OVERLAP)
+    whole = Held(center, radius, field, beside, boxes, scene.table)
+    yield whole
+    tips = scene.table.height(T_base_grasp[:3, 3] + tip * T_base_grasp[:3, 2])
+    yield whole.shortened(float(tips))
+    volume = volume[_between_open_fingers(volume, T_base_grasp)]
+    center, radius = to_spheres(volume if len(volume) else centre[None], GRAIN / 2)
+    field = _without(scene.field, seen[_between_open_fingers(seen, T_base_grasp)])
+    yield Held(center, radius, field, beside, boxes, scene.table).shortened(float(tips))
+
+
+def _without(field: DistanceField | None, seen: Array) -> DistanceField | None:
+    """The field without the voxels of these surface points (P, 3)."""
+    return None if field is None else field.without(seen, 1.2)
+
+
+def _between_open_fingers(points: Array, T_base_grasp: Array) -> NDArray[np.bool_]:
+    """Which points (P, 3) are no further from the grasp's approach axis than an open finger. Shape (P,)."""
+    p = (points - T_base_grasp[:3, 3]) @ T_base_grasp[:3, :2]
+    return np.asarray(np.linalg.norm(p, axis=1) < MAX_OPENING / 2)
 
 
 def own_points(scene: Scene, T_base_grasp: Array, centre: Array, width: float, tip: float) -> NDArray[np.bool_]:

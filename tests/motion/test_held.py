@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
-from evg_app.geometry import rotation_about
+from evg_app.geometry import MAX_OPENING, rotation_about
 from evg_app.motion.carry import CONTACT_LIFT, Carry
 from evg_app.motion.feasibility import MotionPlanner
-from evg_app.motion.held import CLUTTERED_REACH, MAX_SPHERES, RIM_CLEARANCE, estimate, to_spheres
+from evg_app.motion.held import CLUTTERED_REACH, MAX_SPHERES, RIM_CLEARANCE, estimates, to_spheres
 from evg_app.motion.kinematics import hand_of_grasp
 from evg_app.motion.scene import Boxes, declared_boxes, prepare
 from evg_app.motion.trajectory import limits, verify
@@ -39,7 +39,7 @@ def hold(planner, robot, make_scene):
 
     def build(boxes, T_task_grasp, width=WIDTH):
         scene = prepare(robot, make_scene(boxes), planner.kinematics.link_primitives(planner.look_q))
-        return estimate(robot, scene, robot.T_base_task.matrix() @ T_task_grasp, width, 0.05)
+        return next(estimates(robot, scene, robot.T_base_task.matrix() @ T_task_grasp, width, 0.05))
 
     return build
 
@@ -79,10 +79,10 @@ def test_the_unseen_back_is_mirrored_but_not_into_free_space(planner, robot, mak
     T = robot.T_base_task.matrix() @ top_grasp((0.15, 0.15, 0.11))
     seen = scene.points[scene.points[:, 1] < 0.005]
     hidden = type(scene)(seen, scene.field, scene.boxes, scene.table)
-    assert bare(estimate(robot, hidden, T, WIDTH, 0.05), in_base(samples(BOX))).max() < COVER_TOLERANCE
+    assert bare(next(estimates(robot, hidden, T, WIDTH, 0.05)), in_base(samples(BOX))).max() < COVER_TOLERANCE
     aside = T.copy()
     aside[1, 3] += 0.015
-    free = estimate(robot, scene, aside, WIDTH, 0.05)
+    free = next(estimates(robot, scene, aside, WIDTH, 0.05))
     assert (free.center[:, 1] + free.radius).max() < 0.03 + STICK_OUT
     assert not scene.free(in_base(samples(BOX))).any()
 
@@ -95,6 +95,28 @@ def test_of_two_boxes_that_touch_only_what_is_near_is_held(hold, in_base, top_gr
     assert np.linalg.norm(held.center - centre, axis=1).max() < CLUTTERED_REACH + COVER_TOLERANCE
     far = in_base(samples(neighbour))
     assert (bare(held, far) > 0).mean() > 0.5
+
+
+def test_in_touching_clutter_the_estimate_shrinks_to_what_open_fingers_hold(planner, robot, make_scene, top_grasp):
+    neighbour = ((0.15 + 0.045, 0.15, 0.11), (0.025, 0.03, 0.06))
+    scene = prepare(robot, make_scene([BOX, neighbour]), planner.kinematics.link_primitives(planner.look_q))
+    T = robot.T_base_task.matrix() @ top_grasp((0.15, 0.15, 0.11))
+    whole, short, core = estimates(robot, scene, T, WIDTH, 0.05)
+    assert len(short.radius) <= len(whole.radius)
+    aside = np.linalg.norm((core.center - T[:3, 3]) @ T[:3, :2], axis=1)
+    assert 0 < aside.max() < MAX_OPENING / 2 + 0.02
+    assert whole.center[:, 0].max() > core.center[:, 0].max() + 0.02
+
+
+def test_what_overlaps_the_estimate_where_it_stands_does_not_hinder_the_lift(hold, robot, top_grasp):
+    T_hand = hand_of_grasp(robot, robot.T_base_task.matrix() @ top_grasp((0.15, 0.15, 0.11)))
+    taller = ((0.15, 0.217, 0.14), (0.02, 0.02, 0.09))
+    held = hold([BOX, taller], top_grasp((0.15, 0.15, 0.11))).attached(T_hand)
+    up, into = (np.array([T_hand]) for _ in range(2))
+    up[0, 2, 3] += 0.06
+    into[0, :3, 3] += [0.0, 0.06, 0.06]
+    hits = Carry.lift(held, T_hand).hits(np.concatenate([up, into])).tolist()
+    assert hits == [False, True]
 
 
 def test_boxes_that_stand_apart_are_not_held(hold, in_base, top_grasp):

@@ -74,7 +74,7 @@ def test_no_point_of_the_arm_moves_5_mm_between_checks(planner, robot, name):
 def held_sphere(robot, offset, radius=0.02):
     """Something small fixed to the hand."""
     center = np.array([offset], dtype=float)
-    return Held(center, np.array([radius]), None, Boxes.of(()), table_plane(robot))
+    return Held(center, np.array([radius]), None, None, Boxes.of(()), table_plane(robot))
 
 
 def test_what_is_held_moves_no_further_than_the_bound_either(planner, robot):
@@ -95,7 +95,7 @@ def test_a_thin_sheet_between_coarse_checks_is_seen(planner, robot):
     a[0], b[0] = -0.6, 0.6
     tip = k.fk_hand(READY) @ [0.0, 0.0, 0.1, 1.0]
     sheet = Boxes.of((Box("sheet", (0.04, 0.001, 0.04), (tip[0], 0.03, tip[2])),))
-    held = Held(np.array([[0.0, 0.0, 0.1]]), np.array([0.001]), None, sheet, table_plane(robot))
+    held = Held(np.array([[0.0, 0.0, 0.1]]), np.array([0.001]), None, None, sheet, table_plane(robot))
     T_start, T_end = k.fk_hand(a), k.fk_hand(b)
     carry = Carry.transport(held, T_start, T_end)
     assert not carry.hits(k.fk_hand(line(a, b).even(9))).any()
