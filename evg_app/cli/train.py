@@ -29,6 +29,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--learning-rate", type=float, default=1e-3, help="highest (default 0.001)")
     parser.add_argument("--start", metavar="FILE", help="weights to start from instead of random ones")
     parser.add_argument("--side", choices=("exact", "mixed"), default="exact", help="side branch (default exact)")
+    parser.add_argument(
+        "--symmetry",
+        choices=("c4", "plain"),
+        default="c4",
+        help="plain: free layers and equally many parameters, to compare with (default c4; plain ignores --side)",
+    )
     parser.add_argument("--export", type=Path, metavar="FILE", help="NAME.safetensors to write at the end")
     parser.set_defaults(run=run)
 
@@ -36,10 +42,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     """Train until the time is used up. Returns 0."""
     from evg_app.learning.train import TrainConfig, restart_with_allocator, train
+    from evg_app.nets.config import plain_counterpart
 
     restart_with_allocator()
     logging.getLogger("evg_app").setLevel(logging.INFO)
-    network = {"side": args.side} | ({"contact_score": True} if args.model == "equiigd" else {})
+    network = {"side": args.side} if args.symmetry == "c4" else plain_counterpart(args.model)
+    network |= {"contact_score": True} if args.model == "equiigd" else {}
     config = TrainConfig(
         minutes=args.minutes,
         batch=args.batch,

@@ -1,9 +1,12 @@
 """Architectures as frozen values that go into the card of a weights file."""
 
 from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from evg_app.nets.triplane import Side
+
+Symmetry = Literal["c4", "plain"]
+"""Whether the layers are tied by quarter turns."""
 
 
 @dataclass(frozen=True)
@@ -13,10 +16,12 @@ class NetConfig:
     Attributes:
         side: wiring of the side branch, `exact` (symmetric) or `mixed` (published).
         reg: regular copies at the three levels of the backbone.
+        symmetry: `c4`, or `plain`: all layers free, the counterpart to compare with.
     """
 
     side: Side = "exact"
     reg: tuple[int, int, int] = (8, 16, 32)
+    symmetry: Symmetry = "c4"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for a card, without the name of the network."""
@@ -76,3 +81,15 @@ class EquiIGDConfig(NetConfig):
     antipodal_score: bool = True
     regressed_rotation: bool = True
     contact_score: bool = False
+
+
+PLAIN: dict[str, dict[str, Any]] = {
+    "equiigd": {"reg": (6, 12, 24), "hidden": 8, "flow_reg": 4, "flow_triv": 32, "value_reg": 12},
+    "equigiga": {"reg": (6, 12, 24), "hidden": 12, "side_hidden": 7},
+}
+"""Sizes that give the `plain` networks as many parameters as the `c4` ones have (within 2 %)."""
+
+
+def plain_counterpart(name: str) -> dict[str, Any]:
+    """Config values of the network of that name without the symmetry, with equally many parameters."""
+    return {"side": "mixed", "symmetry": "plain"} | PLAIN[name]

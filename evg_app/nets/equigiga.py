@@ -6,6 +6,7 @@ Points p are (B, Q, 3) in units of the workspace, centred (see `features`).
 from torch import Tensor, nn
 
 from evg_app.nets.config import EquiGIGAConfig
+from evg_app.nets.expanded import untie
 from evg_app.nets.features import Features, sample
 from evg_app.nets.fibres import Fibre
 from evg_app.nets.flow import ROTATION
@@ -27,6 +28,8 @@ class EquiGIGA(nn.Module):
         self.rotation_head = Head(fibre, hidden, ROTATION, config.blocks)
         self.width_head = Head(fibre, small, logit, config.side_blocks)
         self.occupancy_head = Head(fibre, small, logit, config.side_blocks)
+        if config.symmetry == "plain":
+            untie(self)
 
     def encode(self, grid: Tensor) -> Features:
         """Features of TSDF grids (B, 1, 40, 40, 40), axes (x, y, z), values as in spec §1."""

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from evg_app.nets.attention import DeformableAttention, GraspAttention
 from evg_app.nets.config import EquiIGDConfig
+from evg_app.nets.expanded import untie
 from evg_app.nets.features import Features, sample
 from evg_app.nets.fibres import Fibre
 from evg_app.nets.flow import ROTATION, RotationFlow
@@ -37,6 +38,8 @@ class EquiIGD(nn.Module):
         self.score_attention = GraspAttention(fibre, flow, config.antipodal_score)
         self.score_head = Head(fibre, hidden, Fibre(triv=2) if config.contact_score else LOGIT, config.blocks)
         self.rotation_head = Head(fibre, hidden, ROTATION, config.blocks) if config.regressed_rotation else None
+        if config.symmetry == "plain":
+            untie(self)
 
     def encode(self, grid: Tensor) -> Features:
         """Features of TSDF grids (B, 1, 40, 40, 40), axes (x, y, z), values as in spec §1."""

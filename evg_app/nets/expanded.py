@@ -3,7 +3,8 @@
 Every C4 layer of this room is an ordinary linear or convolution layer whose full filter is
 `sign * free[index]`. The constraint is thereby exact, the gradient is an index-add, and one
 mechanism (with one cache) serves all layers. In eval mode without gradients the expanded filter
-is kept until the free numbers change.
+is kept until the free numbers change. `untie` makes ordinary layers of all of a network's: the same
+architecture without the symmetry, to compare with.
 """
 
 import torch
@@ -20,7 +21,7 @@ class ExpandedFilter(nn.Module):
         std: standard deviation of the normal initialisation.
     """
 
-    index: Tensor
+    index: Tensor | None
     sign: Tensor | None
 
     def __init__(self, n_free: int, index: Tensor, sign: Tensor | None, std: Tensor | float) -> None:
@@ -33,7 +34,7 @@ class ExpandedFilter(nn.Module):
 
     def expand(self) -> Tensor:
         """The full filter, computed now."""
-        full = self.free.index_select(0, self.index)
+        full = self.free if self.index is None else self.free.index_select(0, self.index)
         if self.sign is not None:
             full = full * self.sign
         return full.view(self.shape)
@@ -60,3 +61,17 @@ class ExpandedFilter(nn.Module):
     def scale_(self, factor: float) -> None:
         """Multiply the free numbers, e.g. to start a residual branch small."""
         self.free.mul_(factor)
+
+    @torch.no_grad()
+    def untie(self) -> None:
+        """Every entry becomes a free number of its own; it keeps its size, and its sign is drawn anew."""
+        full = self.expand().flatten()
+        self.free = nn.Parameter(full * torch.randint(0, 2, full.shape).mul(2).sub(1))
+        self.index = self.sign = self._cache = None
+
+
+def untie(net: nn.Module) -> None:
+    """Take the symmetry away from all layers of a network with random weights."""
+    for module in net.modules():
+        if isinstance(module, ExpandedFilter):
+            module.untie()

@@ -8,13 +8,14 @@ import torch
 
 from evg_app.errors import UnknownName
 from evg_app.grasping.weights import load_weights, shipped_weights
-from evg_app.nets.config import EquiGIGAConfig, EquiIGDConfig
+from evg_app.nets.config import EquiGIGAConfig, EquiIGDConfig, plain_counterpart
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
 from evg_app.nets.registry import NAMES, build
 from evg_app.nets.rotation import flip, from_rows
 from evg_app.nets.triplane import SideToPlane
 
+EQUALLY_MANY = 0.02
 EXACT = 1e-4
 NOT_EXACT = 1e-2
 TURNS = (1, 2, 3)
@@ -208,6 +209,17 @@ def test_config_survives_a_card_and_builds_the_same_network(name):
     again = build(name, card)
     assert again.config == net.config
     again.load_state_dict(net.state_dict())
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_plain_counterpart_has_as_many_parameters_no_symmetry_and_all_filters_learn(name, scene, turn):
+    net = build(name, plain_counterpart(name)).eval()
+    assert abs(count(net) / count(build(name)) - 1) < EQUALLY_MANY
+    assert max(turned_errors(net, scene, 1, turn).values()) > NOT_EXACT
+    sum(value.square().sum() for value in outputs(net, scene).values()).backward()
+    dead = [key for key, p in net.named_parameters() if "free" in key and (p.grad is None or not p.grad.any())]
+    assert dead in ([], ["score_attention.to_key.bias.free"])  # the same for all points: softmax ignores it
+    build(name, json.loads(json.dumps(net.config.to_dict()))).load_state_dict(net.state_dict())
 
 
 def test_unknown_names_and_keys_are_told():
