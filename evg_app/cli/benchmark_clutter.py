@@ -73,6 +73,7 @@ def clutter(args: argparse.Namespace) -> int:
     )
 
     def progress(rows: list[RoundResult], wanted: int) -> None:
+        """A line for the round that has just ended."""
         last = rows[-1]
         k, n, objects = (sum(getattr(row, name) for row in rows) for name in ("successes", "attempts", "objects"))
         say(

@@ -103,6 +103,7 @@ def filming(world: SimWorld, film: Film) -> Callable[[], None]:
     due = 0.0
 
     def tick() -> None:
+        """Add a picture when one is due."""
         nonlocal due
         if world.time >= due:
             due = world.time + FILM_INTERVAL

@@ -32,6 +32,7 @@ def stop_file(path: Path, stop: StopToken) -> Iterator[None]:
     over = threading.Event()
 
     def watch() -> None:
+        """Stop as soon as the file is there."""
         while not over.wait(INTERVAL):
             if path.exists():
                 stop_now(stop)

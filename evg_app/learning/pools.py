@@ -31,6 +31,7 @@ def object_pools(packed_folders: tuple[str, ...], pile_folders: tuple[str, ...],
     """
 
     def half(objects: Sequence[ObjectModel]) -> tuple[ObjectModel, ...]:
+        """Those on this side of the split."""
         return tuple(o for o in objects if is_validation(o.name) == validation)
 
     builtin = half(builtin_objects("train"))

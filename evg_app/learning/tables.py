@@ -59,6 +59,7 @@ def table_of(scenes: Sequence[SceneSample], device: torch.device | str = "cpu") 
     """The table of some scenes."""
 
     def stacked(name: str, rows: int, empty: float) -> Tensor:
+        """One field of all scenes, filled up with `empty` to `rows` rows."""
         padded = [_padded(getattr(s, name), rows, empty) for s in scenes]
         return torch.from_numpy(np.stack(padded)).to(device)
 

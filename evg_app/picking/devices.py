@@ -36,6 +36,7 @@ def contact_guard(round_: Round) -> Guard:
     rest, above = _force_at_rest(round_), 0
 
     def look() -> str:
+        """Why to stop now; nothing while all is well."""
         nonlocal above
         force = float(np.linalg.norm(arm.state().wrench[:3] - rest))
         above = above + 1 if force > limit else 0

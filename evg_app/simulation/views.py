@@ -27,6 +27,7 @@ def _random_view(
     radius: tuple[float, float], polar: tuple[float, float], azimuth: tuple[float, float], height: float
 ) -> Callable[[np.random.Generator], Array]:
     def draw(rng: np.random.Generator) -> Array:
+        """One camera pose (4, 4)."""
         r = rng.uniform(*radius) * WORKSPACE_SIZE
         theta, phi = np.deg2rad(rng.uniform(*polar)), np.deg2rad(rng.uniform(*azimuth))
         return camera_on_sphere((*_CENTER, height), r, float(theta), float(phi))
