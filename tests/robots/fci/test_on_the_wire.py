@@ -42,9 +42,9 @@ def hand_at(peer: Peer) -> FciGripper:
 
 
 def streamer_of(arm: FciArm) -> int:
-    worker = arm._worker
-    assert worker is not None and worker.process.pid is not None
-    return worker.process.pid
+    pid = arm.process.running().process.pid
+    assert pid is not None
+    return pid
 
 
 def pause(pid: int, seconds: float) -> None:
@@ -138,14 +138,14 @@ def test_a_jump_is_refused_before_it_is_sent_and_a_reflex_when_it_is_sent(strict
         with pytest.raises(LimitViolation):
             arm.execute(type(smooth)(smooth.joint_names, smooth.dt, q, smooth.dq, smooth.ddq))
         assert rests(arm, 0.2)
-        arm._orders.look()
-        arm._running().send(Execute(99, q, smooth.dq, smooth.ddq, smooth.dt, np.full(7, 5.0), np.full(7, 500.0)))
+        arm.process.orders.look()
+        arm.process.running().send(Execute(99, q, smooth.dq, smooth.ddq, smooth.dt, np.full(7, 5.0), np.full(7, 500.0)))
         end = time.monotonic() + 5.0
         while arm.state().mode is not ArmMode.REFLEX:
             assert time.monotonic() < end
             time.sleep(0.05)
         assert any("discontinuity" in name or "violation" in name for name in arm.state().errors)
-        arm._take(1.0)
+        arm.process.take(1.0)
         arm.recover(timeout=5.0)
         assert arm.state().mode is ArmMode.IDLE
 
