@@ -15,6 +15,11 @@ BLOCKS = GRID_SIZE // 2
 """Coarse lattice points along each side: one per block of 2 voxels. (A lattice of every second voxel centre
 would not be symmetric about the centre.)"""
 
+_FROM_CENTRE = np.abs(np.arange(BLOCKS) - (BLOCKS - 1) / 2).astype(np.intp)
+_EVEN = _FROM_CENTRE % 2 == 0
+SEEDS = _EVEN[:, None, None] & _EVEN[:, None] & (np.arange(BLOCKS) % 2 == 0)
+"""Blocks that are asked first: every second along each side, mirrored about the centre. Shape (20, 20, 20)."""
+
 Indices = NDArray[np.intp]
 Value = TypeVar("Value", bound=np.generic)
 
@@ -51,6 +56,31 @@ def block_of(index: Indices) -> Indices:
 def voxels_of(blocks: NDArray[Value]) -> NDArray[Value]:
     """Every voxel with the value of its block, e.g. whether it was chosen. (20, 20, 20) -> (40, 40, 40)."""
     return blocks.repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2)
+
+
+def interpolated(blocks: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Voxels from values at block centres, cubic (Keys 1981), of those blocks `where` there is one; in [0, 1].
+
+    Shape (20, 20, 20) -> (40, 40, 40).
+    """
+    both = np.stack([np.where(where, blocks, np.float32(0.0)), where.astype(np.float32)])
+    both = _CUBIC @ (both @ _CUBIC.T)  # along z, along y: (2, 20, 40, 40)
+    value, weight = (_CUBIC @ both.reshape(2, BLOCKS, -1)).reshape(2, *(GRID_SIZE,) * 3)
+    return np.clip(value / np.maximum(weight, np.float32(0.1)), 0.0, 1.0)
+
+
+def _cubic() -> NDArray[np.float32]:
+    """Weights of blocks for the voxels along one side; the outermost block goes on for ever. Shape (40, 20)."""
+    quarter = np.array([-9.0, 111.0, 29.0, -3.0]) / 128.0  # Keys, a quarter after the second of four
+    matrix = np.zeros((GRID_SIZE, BLOCKS))
+    for voxel in range(GRID_SIZE):
+        block, after = divmod(voxel, 2)
+        for place, weight in zip(range(-1, 3), quarter, strict=True):
+            matrix[voxel, np.clip(block + (place if after else -place), 0, BLOCKS - 1)] += weight
+    return matrix.astype(np.float32)
+
+
+_CUBIC = _cubic()
 
 
 def rotation_noise(index: Indices, samples: int, seed: int) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Planners by name."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from evg_app.errors import BadInput, UnknownName, WeightsError
@@ -12,9 +13,11 @@ from evg_app.grasping.vgn import VgnPlanner
 
 LEARNED = ("equiigd", "equigiga")
 """Models that need weights."""
+DENSE = tuple(f"{model}-dense" for model in LEARNED)
+"""The same with the paper's dense search, the reference."""
 PUBLISHED = ("giga", "vgn")
 """Models of others, for comparison; their official weights are not shipped."""
-MODELS = (*LEARNED, *PUBLISHED, "antipodal", "random")
+MODELS = (*LEARNED, *DENSE, *PUBLISHED, "antipodal", "random")
 """Names that `load_planner` knows."""
 
 
@@ -40,6 +43,9 @@ def load_planner(
     """
     if model in LEARNED:
         return GraspPlanner.load(model, weights, device, config)
+    if model in DENSE:
+        dense = replace(config or PlannerConfig(), dense=True)
+        return GraspPlanner.load(model.removesuffix("-dense"), weights, device, dense)
     if model in PUBLISHED:
         return _load_published(model, weights, device)
     if model not in MODELS:

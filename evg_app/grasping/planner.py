@@ -1,7 +1,7 @@
 """The networks' planner: coarse to fine, and the network alone ranks.
 
-1. Encode the grid once. 2. Ask graspness on block centres near seen surface, then on the voxels of the best
-blocks; smooth. 3. For the best voxels: rotations (regressed, and flow samples), classified; the best one stays.
+1. Encode the grid once. 2. Ask graspness near seen surface, coarse to fine (`search`); smooth. 3. For the best voxels:
+rotations (regressed, and for the best of them flow samples), classified; the best one stays.
 4. q = sqrt(graspness * score), width and threshold, near duplicates go, sort.
 
 `dense=True` asks all candidate voxels instead (the paper's way, the reference); everything else is the same.
@@ -11,6 +11,7 @@ import copy
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -28,6 +29,7 @@ from evg_app.grasping.fast.field import Field
 from evg_app.grasping.fast.heads import Heads, Place, heads_of
 from evg_app.grasping.fast.workers import Workers, one_torch_thread, pieces
 from evg_app.grasping.protocol import Grid, grid_values
+from evg_app.grasping.search import coarse_to_fine
 from evg_app.grasping.weights import load_weights
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
@@ -46,26 +48,29 @@ class PlannerConfig:
     """How a plan is searched.
 
     Attributes:
-        blocks: best blocks of the coarse lattice whose voxels are asked.
+        refined, blocks: blocks that are asked after the seeds, and whose voxels are asked (`search.coarse_to_fine`).
         points: best voxels K that get rotations.
         per_block: at most so many of one block of 2x2x2 voxels, so that K voxels cover all objects.
-        samples: flow samples per voxel, beside the regressed rotation.
+        sampled: the best of them get flow samples beside the regressed rotation (all, where the network has none).
+        samples: flow samples per voxel.
         steps: Euler steps of the flow (2-5 were as good as 10, learning.md's measurement).
         sigma: smoothing of graspness [voxels].
         threshold: least score of a grasp (LOW_TH of spec §5).
         nms_radius: near duplicates within this distance [m] (not a distance of two voxel centres: no ties) ...
         nms_angle: ... and this angle [rad] of a better grasp go.
         max_grasps: best grasps that are compared with each other.
-        dense: ask all 64,000 voxels, and rotations wherever graspness exceeds `dense_graspness`.
+        dense: ask all 64,000 voxels, rotations and flow samples wherever graspness exceeds `dense_graspness`.
         dense_graspness: spec §5.1's low_th.
         allow_contact: rank by the score of grasps whose approach may touch something, where the network has one.
         points_at_once, grasps_at_once: points asked for graspness, and for rotations, per piece of work: so many
             that what is computed for them fits the second-level cache.
     """
 
-    blocks: int = 192
-    points: int = 256
-    per_block: int = 2
+    refined: int = 256
+    blocks: int = 48
+    points: int = 128
+    per_block: int = 3
+    sampled: int = 48
     samples: int = 2
     steps: int = 5
     sigma: float = 1.0
@@ -195,15 +200,8 @@ class GraspPlanner:
             volume = self._graspness(field, np.arange(GRID_SIZE**3), GRID_SIZE).reshape((GRID_SIZE,) * 3)
             fine = np.flatnonzero(mask)
         else:
-            coarse = np.flatnonzero(lattice.blocks_with(mask))
-            answers = self._graspness(field, coarse, lattice.BLOCKS)
-            blocks = np.zeros((lattice.BLOCKS,) * 3, dtype=np.float32)
-            blocks.ravel()[coarse] = answers
-            volume = lattice.voxels_of(blocks)  # what smoothing takes for the voxels that are not asked
-            chosen = np.zeros((lattice.BLOCKS,) * 3, dtype=np.bool_)
-            chosen.ravel()[coarse[selection.best(answers, self.config.blocks)]] = True
-            fine = np.flatnonzero(mask & lattice.voxels_of(chosen))
-            volume.ravel()[fine] = self._graspness(field, fine, GRID_SIZE)
+            ask = partial(self._graspness, field)
+            volume, fine = coarse_to_fine(mask, ask, self.config.refined, self.config.blocks)
         smoothed = selection.smooth(volume, mask, self.config.sigma).ravel()[fine]
         if self.config.dense:
             keep = np.flatnonzero(smoothed > self.config.dense_graspness)
@@ -215,17 +213,21 @@ class GraspPlanner:
 
     def orient(self, field: Field, index: NDArray[np.intp], seed: int) -> tuple[Array, Array, Array]:
         """How to grasp at voxels (K,): rotation (K, 3, 3), its score in [0, 1] (K,), opening [m] (K,)."""
-        noise = self._tensor(lattice.rotation_noise(index, self.config.samples, seed))
+        everywhere = self.config.dense or not self._heads.regresses
+        sampled = len(index) if everywhere else min(self.config.sampled, len(index))
+        noise = self._tensor(lattice.rotation_noise(index[:sampled], self.config.samples, seed))
         voxels = self._tensor(index)
 
         def ask(part: slice) -> tuple[Tensor, Tensor, Tensor]:
             place = Place(field, voxels[part])
-            candidates, scores = self._heads.rotations(place, noise[:, part], self.config.steps)
+            draws = noise[:, part] if part.start < sampled else noise[:0]
+            candidates, scores = self._heads.rotations(place, draws, self.config.steps)
             score, which = scores[..., -1 if self.config.allow_contact else 0].max(0)
             rotation = candidates[which, torch.arange(len(which), device=self._device)]
             return rotation, score, self._heads.width(place)
 
-        parts = self._workers.map(ask, pieces(len(index), self.config.grasps_at_once))
+        rest = [slice(p.start + sampled, p.stop + sampled) for p in self._pieces(len(index) - sampled)]
+        parts = self._workers.map(ask, [*self._pieces(sampled), *rest])
         answers = [torch.cat(part).cpu().numpy().astype(np.float64) for part in zip(*parts, strict=True)]
         return answers[0], answers[1], answers[2] * WORKSPACE_SIZE
 
@@ -239,6 +241,8 @@ class GraspPlanner:
 
     def _graspness(self, field: Field, index: NDArray[np.intp], side: int) -> NDArray[np.float32]:
         """Graspness in [0, 1] at lattice points (see `Place`). Shape (N,)."""
+        if len(index) == 0:
+            return np.zeros(0, dtype=np.float32)
         points = self._tensor(index)
 
         def ask(part: slice) -> Tensor:
@@ -247,6 +251,9 @@ class GraspPlanner:
         parts = self._workers.map(ask, pieces(len(index), self.config.points_at_once))
         answer: NDArray[np.float32] = torch.cat(parts).sigmoid().cpu().numpy()
         return answer
+
+    def _pieces(self, grasps: int) -> list[slice]:
+        return pieces(grasps, self.config.grasps_at_once)
 
     def _tensor(self, array: NDArray[np.float32] | NDArray[np.intp]) -> Tensor:
         """The array on the planner's device."""

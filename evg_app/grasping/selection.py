@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from evg_app.geometry import GRID_SIZE, VOXEL_SIZE, Array
+from evg_app.geometry import VOXEL_SIZE, Array
 from evg_app.grasping import columns
 
 Volume = NDArray[np.float32]
@@ -52,21 +51,40 @@ def candidate_mask(values: Volume) -> Mask:
 
 def smooth(values: Volume, where: Mask, sigma: float = 1.0) -> Volume:
     """Gaussian mean over the voxels `where` values are defined, 0 elsewhere; sigma in voxels."""
-    if sigma <= 0:
-        return np.where(where, values, np.float32(0.0))
+    means = _means(values, where, sigma) if sigma > 0 else values
+    return np.where(where, means, np.float32(0.0))
+
+
+def filled(values: Volume, where: Mask) -> Volume:
+    """The values `where` they are defined, elsewhere the Gaussian mean (of one cell) of those around."""
+    return np.where(where, values, _means(values, where, 1.0))
+
+
+def _means(values: Volume, where: Mask, sigma: float) -> Volume:
+    """Gaussian mean at each cell of a cube over those `where` values are defined, 0 far from all of them."""
     both = np.stack([np.where(where, values, np.float32(0.0)), where.astype(np.float32)])
-    kernel = _gaussian(sigma)
-    both = (kernel @ (both @ kernel)).reshape(2, GRID_SIZE, -1)  # along z, along y
+    kernel = _gaussian(sigma, len(values))
+    both = (kernel @ (both @ kernel)).reshape(2, len(values), -1)  # along z, along y
     total, weight = (kernel @ both).reshape(2, *where.shape)
-    return np.where(where, total / np.maximum(weight, np.float32(1e-12)), np.float32(0.0))
+    mean: Volume = total / np.maximum(weight, np.float32(1e-12))
+    return mean
 
 
-@lru_cache(maxsize=4)
-def _gaussian(sigma: float) -> NDArray[np.float32]:
-    """Gaussian weights between voxels of one line, cut off at 3 sigma. Shape (40, 40)."""
-    distance = np.abs(np.subtract.outer(np.arange(GRID_SIZE), np.arange(GRID_SIZE)))
+@lru_cache(maxsize=8)
+def _gaussian(sigma: float, length: int) -> NDArray[np.float32]:
+    """Gaussian weights between cells of one line, cut off at 3 sigma. Shape (length, length)."""
+    distance = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
     weights = np.where(distance <= int(3.0 * sigma + 0.5), np.exp(-0.5 * (distance / sigma) ** 2), 0.0)
     return weights.astype(np.float32)
+
+
+def largest_around(values: Volume) -> Volume:
+    """The largest of the 3x3x3 cells around each, itself included; outside counts as 0."""
+    padded = np.pad(values, 1)
+    for axis in range(3):
+        first, middle, last = (np.take(padded, range(i, i + values.shape[axis]), axis) for i in range(3))
+        padded = np.maximum(np.maximum(first, last), middle)
+    return padded
 
 
 def best(values: NDArray[np.floating[Any]], count: int) -> NDArray[np.intp]:
@@ -94,12 +112,6 @@ def spread(values: NDArray[np.float32], group: NDArray[np.intp], per_group: int,
 def width_mask(width: Array) -> Mask:
     """Which predicted openings [m] the gripper can really take (spec §5.4)."""
     return (width >= WIDTH_RANGE[0]) & (width <= WIDTH_RANGE[1])
-
-
-def local_maxima(volume: Volume, size: int = 5) -> Mask:
-    """Voxels that are the largest of the cube of `size` (odd: symmetric) voxels around them, and positive."""
-    maxima: Mask = (volume == ndimage.maximum_filter(volume, size=size, mode="constant")) & (volume > 0)
-    return maxima
 
 
 def suppress(T_task_grasp: Array, score: Array, radius: float, angle: float) -> NDArray[np.intp]:

@@ -12,7 +12,9 @@ from evg_app.learning.physics import TrialBench
 from evg_app.learning.solids import SceneSolids
 from evg_app.simulation.state import SceneState
 
-SEARCH = PlannerConfig(threshold=0.05, nms_radius=0.008, nms_angle=0.26)
+SEARCH = PlannerConfig(
+    blocks=192, points=256, per_block=2, sampled=256, threshold=0.05, nms_radius=0.008, nms_angle=0.26
+)
 """A wider search than a planner's: what it thinks poorly of is worth a look, too."""
 VIEWS = 3
 """Views of a scene that are planned on."""

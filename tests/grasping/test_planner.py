@@ -95,7 +95,9 @@ def test_a_bare_array_is_as_good_as_a_fused_grid(networks, grid):
 
 @pytest.mark.parametrize("name", [pytest.param("equiigd", marks=pytest.mark.slow), "equigiga"])
 def test_with_an_unlimited_budget_coarse_to_fine_is_the_dense_reference(networks, grid, name):
-    everything = PlannerConfig(blocks=8_000, points=64_000, per_block=8, threshold=0.05, samples=1, steps=1)
+    everything = PlannerConfig(
+        refined=8_000, blocks=8_000, points=64_000, per_block=8, sampled=64_000, threshold=0.05, samples=1, steps=1
+    )
     thrifty = planner(networks, name, everything)
     plan, dense = thrifty.plan(grid), thrifty.plan_dense(grid)
     top = slice(0, 50)

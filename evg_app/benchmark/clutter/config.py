@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from evg_app.errors import BadInput, UnknownName
-from evg_app.grasping.load import load_planner
+from evg_app.grasping.load import LEARNED, load_planner
 from evg_app.grasping.planner import PlannerConfig
 from evg_app.grasping.protocol import Planner
 from evg_app.learning.pools import is_validation
@@ -106,6 +106,7 @@ class BenchmarkConfig:
         """Hash of all that determines a round beside its seed and number."""
         policy = {"model": self.model, "weights": weights_sha256, "table_ruler": self.table_ruler}
         policy |= {} if self.allow_contact else {"strict": True}
+        policy |= {"search": repr(PlannerConfig())} if self.model in LEARNED else {}
         text = json.dumps(self.scenes_key() | policy, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

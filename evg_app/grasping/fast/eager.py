@@ -32,6 +32,11 @@ class EagerHeads:
     def __init__(self, net: EquiIGD | EquiGIGA) -> None:
         self._net = net
 
+    @property
+    def regresses(self) -> bool:
+        """See `Heads`."""
+        return isinstance(self._net, EquiGIGA) or self._net.rotation_head is not None
+
     def graspness(self, place: Place) -> Tensor:
         """See `Heads`."""
         return self._net.graspness(_features(place), _points(place))[0]

@@ -49,6 +49,10 @@ class Place:
 class Heads(Protocol):
     """Answers at points."""
 
+    @property
+    def regresses(self) -> bool:
+        """Whether one candidate rotation needs no noise."""
+
     def graspness(self, place: Place) -> Tensor:
         """Logit that a grasp centred there succeeds for some rotation. (N,)."""
 
@@ -77,6 +81,11 @@ class EquiIGDHeads:
         self._net = net
         self._flow = lru_cache(maxsize=4)(self._make_flow)
 
+    @property
+    def regresses(self) -> bool:
+        """See `Heads`."""
+        return self._regress is not None
+
     def _make_flow(self, draws: int, steps: int) -> Native:
         return trunks.flow(self._net.flow, self._rotation_look.attended, draws, steps)
 
@@ -103,6 +112,8 @@ class EquiIGDHeads:
 
 class EquiGIGAHeads:
     """Of EquiGIGA: one regressed rotation, without a score of its own (ones)."""
+
+    regresses = True
 
     def __init__(self, net: EquiGIGA) -> None:
         self._graspness, self._width = trunks.head(net.graspness_head), trunks.head(net.width_head)
