@@ -35,6 +35,8 @@ VALIDATION_EVERY = 20
 """Shards 0, 20, 40 ... hold scenes of validation objects only; the others of training objects only."""
 KINDS = ("packed", "pile", "adversarial", "toppled")
 """Scenes to train on. Toppled: objects that usually stand, thrown: what a failed grasp in a packed scene leaves."""
+PACKED_SCALES = (0.7, 1.0)
+"""Of packed and toppled scenes; the protocol's end at 0.9. Some objects must be too large for the hand: to decline them."""
 LABEL_RULE = 3
 """Number of the labelling rule; part of what identifies a data set."""
 
@@ -195,9 +197,11 @@ def make_scene(config: GenerateConfig, unit: int, validation: bool) -> SceneSamp
 
 def scene_recipe(kind: str, mean_objects: float) -> SceneRecipe:
     """How a scene of one of `KINDS` is built."""
-    if kind != "toppled":
-        return SceneRecipe(kind, Poisson(mean_objects))
-    return SceneRecipe("pile", Poisson(0.5 * mean_objects), scale_range=SceneRecipe("packed").scales)
+    if kind == "packed":
+        return SceneRecipe(kind, Poisson(mean_objects), scale_range=PACKED_SCALES)
+    if kind == "toppled":
+        return SceneRecipe("pile", Poisson(0.5 * mean_objects), scale_range=PACKED_SCALES)
+    return SceneRecipe(kind, Poisson(mean_objects))
 
 
 def solids_of(state: SceneState) -> list[Solid]:

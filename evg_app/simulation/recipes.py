@@ -42,11 +42,7 @@ class SceneRecipe:
             return self.count
         return self.count.minimum + int(rng.poisson(self.count.mean))
 
-    @property
-    def scales(self) -> tuple[float, float]:
-        """Range of the objects' scales."""
-        return self.scale_range or ((0.7, 0.9) if self.kind == "packed" else (0.8, 1.0))
-
     def draw_scale(self, rng: np.random.Generator) -> float:
         """Scale of one object."""
-        return float(rng.uniform(*self.scales))
+        low, high = self.scale_range or ((0.7, 0.9) if self.kind == "packed" else (0.8, 1.0))
+        return float(rng.uniform(low, high))
