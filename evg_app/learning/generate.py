@@ -36,7 +36,7 @@ VALIDATION_EVERY = 20
 KINDS = ("packed", "pile", "adversarial", "toppled")
 """Scenes to train on. Toppled: objects that usually stand, thrown: what a failed grasp in a packed scene leaves."""
 PACKED_SCALES = (0.7, 1.0)
-"""Of packed and toppled scenes; the protocol's end at 0.9. Some objects must be too large for the hand, to be declined."""
+"""Of packed and toppled scenes; the protocol's end at 0.9. Some objects must be too large for the hand."""
 LABEL_RULE = 3
 """Number of the labelling rule; part of what identifies a data set."""
 
