@@ -3,16 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from evg_app.config.calibration import Calibration, Verdict
 from evg_app.geometry import Array, invert
 from evg_app.handeye.collect import Bench, visit
 from evg_app.handeye.heldout import prediction_error
+from evg_app.handeye.placed import place
 from evg_app.handeye.poses import Reach, plan_stops
-from evg_app.handeye.refine import Fit, fit_at, residuals
-from evg_app.handeye.rigid import mean_transform, moved
-from evg_app.handeye.sample import Session, Views, views_of
+from evg_app.handeye.refine import fit_at
+from evg_app.handeye.sample import Session, views_of
 from evg_app.handeye.solve import GO_DEG, GO_MM, WARN_DEG, WARN_MM
 
 STOPS = 8
@@ -55,13 +54,19 @@ def fresh_samples(bench: Bench, result: Calibration, seed: int) -> Session:
 
 
 def check(session: Session, result: Calibration) -> Check:
-    """Measure a stored result on samples. Only the board's place is fitted: it may lie elsewhere today."""
+    """Measure a stored result on samples. Only the board's place is fitted: it may lie elsewhere today.
+
+    The lens is the stored one where the pictures have its size.
+    """
+    lens = result.intrinsics.value()
+    if (lens.width, lens.height) == (session.intrinsics.width, session.intrinsics.height):
+        session = session.seen_through(lens)
     samples = session.usable()
     if len(samples) < LEAST:
         reason = f"only {len(samples)} of {len(session.samples)} pictures show the board well; move it into view"
         return Check(None, None, len(samples), "refuse", reason)
     views = views_of(session, samples)
-    fit = board_only(views, picture_pose(session, result), result.board_scale)
+    fit = place(views, fit_at(views, picture_pose(session, result), np.eye(4), result.board_scale), "board")
     errors = np.array(
         [prediction_error(views.take(np.array([k])), fit, session.board.outline) for k in range(len(views))]
     )
@@ -77,14 +82,3 @@ def picture_pose(session: Session, result: Calibration) -> Array:
     """The frame of the session's pictures in the camera's parent frame, by the stored result. Shape (4, 4)."""
     X: Array = result.T_parent_cam.matrix() @ invert(session.T_picture_cam)
     return X
-
-
-def board_only(views: Views, X: Array, scale: float) -> Fit:
-    """The board's place Z with the camera held at X."""
-    B = views.B.copy()
-    B[:, :3, 3] *= scale
-    Z = mean_transform(invert(views.A) @ X @ B)
-    found = least_squares(
-        lambda x: residuals(views, X, moved(Z, x), scale).ravel(), np.zeros(6), loss="soft_l1", x_scale=0.01
-    )
-    return fit_at(views, X, moved(Z, found.x), scale)

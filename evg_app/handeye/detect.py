@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from evg_app.geometry import Array, make, transform_points
 from evg_app.handeye.boards import Board, Gray, opencv
+from evg_app.handeye.lens import undistort
+from evg_app.handeye.tag_corners import refine_tags
 from evg_app.types import Intrinsics
 
 MIN_CORNERS = 8
@@ -59,7 +61,7 @@ class Detection:
 
 def detect(board: Board, gray: Gray, intrinsics: Intrinsics) -> Detection:
     """Find the board in an 8-bit picture (H, W)."""
-    ids, pixels = _corners(board, gray)
+    ids, pixels = _corners(board, gray, intrinsics)
     if len(ids) < MIN_CORNERS:
         width = edge_width(gray, None)
         problem = (
@@ -97,31 +99,38 @@ def _detector(kind: str, pattern: Any) -> Any:
     return cv2.aruco.ArucoDetector(pattern.getDictionary(), parameters)
 
 
-def _corners(board: Board, gray: Gray) -> tuple[NDArray[np.int64], Array]:
+def _corners(board: Board, gray: Gray, intrinsics: Intrinsics) -> tuple[NDArray[np.int64], Array]:
     """Numbers (n,) and pixels (n, 2) of the corners found."""
+    find = _chessboard_corners if board.model.kind == "charuco" else _tag_corners
+    found = find(board, gray, intrinsics)
+    return found if found is not None else (np.zeros(0, np.int64), np.zeros((0, 2)))
+
+
+def _chessboard_corners(board: Board, gray: Gray, _intrinsics: Intrinsics) -> tuple[NDArray[np.int64], Array] | None:
+    """Saddle points between the squares of a ChArUco board; None without any."""
     cv2 = opencv()
-    detector = _detector(board.model.kind, board.pattern)
-    if board.model.kind == "charuco":
-        corners, ids, _, _ = detector.detectBoard(gray)
-        if ids is None:
-            return np.zeros(0, np.int64), np.zeros((0, 2))
-        numbers, pixels = np.asarray(ids).ravel().astype(np.int64), np.asarray(corners, np.float32).reshape(-1, 1, 2)
-    else:
-        found, ids, _ = detector.detectMarkers(gray)
-        if ids is None:
-            return np.zeros(0, np.int64), np.zeros((0, 2))
-        known = np.asarray(board.pattern.getIds()).ravel()
-        place = {int(tag): k for k, tag in enumerate(known)}
-        pairs = [(place[int(tag)], quad) for tag, quad in zip(np.ravel(ids), found, strict=True) if int(tag) in place]
-        if not pairs:
-            return np.zeros(0, np.int64), np.zeros((0, 2))
-        numbers = np.concatenate([np.arange(4 * k, 4 * k + 4) for k, _ in pairs])
-        pixels = np.concatenate([np.asarray(quad, np.float32).reshape(4, 1, 2) for _, quad in pairs])
+    corners, ids, _, _ = _detector(board.model.kind, board.pattern).detectBoard(gray)
+    if ids is None:
+        return None
+    pixels = np.asarray(corners, np.float32).reshape(-1, 1, 2)
     half = int(np.clip(_spacing(pixels[:, 0].astype(np.float64)) * 0.25, 2, 6))
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-    if board.model.kind == "charuco":
-        pixels = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), stop)
-    return numbers, np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    pixels = cv2.cornerSubPix(gray, pixels, (half, half), (-1, -1), stop)
+    return np.asarray(ids).ravel().astype(np.int64), np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+
+def _tag_corners(board: Board, gray: Gray, intrinsics: Intrinsics) -> tuple[NDArray[np.int64], Array] | None:
+    """Corners of the tags of a grid whose edges are clean; None without any tag."""
+    found, ids, _ = _detector(board.model.kind, board.pattern).detectMarkers(gray)
+    if ids is None:
+        return None
+    place = {int(tag): k for k, tag in enumerate(np.ravel(board.pattern.getIds()))}
+    pairs = [(place[int(tag)], quad) for tag, quad in zip(np.ravel(ids), found, strict=True) if int(tag) in place]
+    if not pairs:
+        return None
+    quads, clean = refine_tags(gray, np.stack([quad.reshape(4, 2) for _, quad in pairs]), intrinsics)
+    numbers = np.stack([np.arange(4 * k, 4 * k + 4, dtype=np.int64) for k, _ in pairs])
+    return numbers[clean].ravel(), quads[clean].reshape(-1, 2)
 
 
 def _spacing(pixels: Array) -> float:
@@ -131,18 +140,6 @@ def _spacing(pixels: Array) -> float:
     d = np.linalg.norm(pixels[:, None] - pixels[None], axis=2)
     d[d < 1e-6] = np.inf
     return float(np.median(d.min(axis=1)))
-
-
-def undistort(pixels: Array, intrinsics: Intrinsics) -> Array:
-    """Where the pixels (n, 2) would be without lens distortion, same K. Shape (n, 2)."""
-    if not any(intrinsics.distortion) or len(pixels) == 0:
-        return pixels
-    cv2 = opencv()
-    k = np.asarray(intrinsics.distortion, dtype=np.float64)
-    flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-    stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 40, 1e-9)
-    ideal = cv2.undistortPointsIter(flat, intrinsics.K, k, None, intrinsics.K, stop)
-    return np.asarray(ideal, dtype=np.float64).reshape(-1, 2)
 
 
 def board_pose(points: Array, ideal: Array, intrinsics: Intrinsics, guess: Array | None = None) -> tuple[Array, float]:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from evg_app.config.calibration import Mode
 from evg_app.geometry import Array, invert
-from evg_app.handeye.refine import Fit
+from evg_app.handeye.change import Step
 from evg_app.handeye.rigid import log
 from evg_app.handeye.sample import Session, Views
 
@@ -24,10 +24,8 @@ MIN_SPREAD = 6.0
 """Least root-mean-square turn about the second rotation axis [deg]."""
 SCALE_LEAST, SCALE_SIGMAS = 0.006, 4.0
 """A board is of the wrong size from this relative deviation, and this many standard deviations, on."""
-LEVER = 0.5
-"""Metres per radian when shifts and turns are added up."""
-MOVED_LEAST_M, MOVED_SCORE = 0.0025, 45.0
-"""Least step [m] and least score (sum of six squared t values) for 'moved between two samples'."""
+LENS_FOCAL, LENS_CENTRE_PX = 0.005, 4.0
+"""Focal length (relative) and principal point [px] are wrong from this far off the stream's on."""
 DISAGREE_MM = 15.0
 """Median distance of the closed-form solvers from the refined result that is worth a warning [mm]."""
 DEPTH_SHARE = 0.05
@@ -39,7 +37,7 @@ class Finding:
     """One thing that was noticed.
 
     Attributes:
-        cause: a fixed word: "one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur", "hidden",
+        cause: a fixed word: "one-axis", "board-scale", "lens", "swapped-mode", "moved", "outliers", "blur", "hidden",
             "few-samples", "no-solution", "solvers-disagree", "depth", "table", "heldout" or "bound".
         severity: what it does to the verdict.
         text: for the user.
@@ -128,6 +126,19 @@ def board_size(scale: float, scale_std: float, square_m: float) -> list[Finding]
     ]
 
 
+def lens(off: Array) -> list[Finding]:
+    """Whether the stream's intrinsics are wrong. `off`: log focal length and principal point, found minus told (3,)."""
+    if abs(off[0]) < LENS_FOCAL and np.abs(off[1:]).max() < LENS_CENTRE_PX:
+        return []
+    focal, centre = f"{100 * np.expm1(off[0]):+.1f} %", f"({off[1]:+.1f}, {off[2]:+.1f}) px"
+    text = (
+        f"the focal length is {focal} and the principal point {centre} "
+        "off what the camera says (measured by the arm's motion; corrected here, but its depth is not): are the "
+        "intrinsics of this resolution, and is the focus fixed?"
+    )
+    return [Finding("lens", "warn", text)]
+
+
 def outliers(numbers: "list[int]", rms: "list[float]", total: int, median: float) -> list[Finding]:
     """Samples that were left out because they contradict the others."""
     if not numbers:
@@ -140,64 +151,20 @@ def outliers(numbers: "list[int]", rms: "list[float]", total: int, median: float
     return [Finding("outliers", "warn", text)]
 
 
-def poses_apart(views: Views, fit: Fit) -> Array:
-    """Each sample's own camera pose minus the fit's: shift, and turn times `LEVER` [m]. Shape (N, 6)."""
-    B = views.B.copy()
-    B[:, :3, 3] *= fit.scale
-    relative = invert(fit.X) @ (views.A @ fit.Z @ invert(B))
-    centre = (invert(fit.X) @ views.A @ fit.Z)[:, :3, 3].mean(axis=0)
-    turns = log(relative)
-    shift = np.einsum("nij,j->ni", relative[:, :3, :3] - np.eye(3), centre) + relative[:, :3, 3]
-    return np.concatenate([shift, LEVER * turns], axis=1)
-
-
-def step_in(apart: Array) -> tuple[int, float, float]:
-    """The likeliest moment of a step in (N, 6): index of the first sample after it, size [m], score."""
-    best = (0, 0.0, 0.0)
-    n = len(apart)
-    side = max(4, n // 5)
-    for k in range(side, n - side + 1):
-        a, b = apart[:k], apart[k:]
-        jump = np.median(b, axis=0) - np.median(a, axis=0)
-        spread = 1.4826 * np.median(
-            np.abs(np.concatenate([a - np.median(a, axis=0), b - np.median(b, axis=0)])), axis=0
-        )
-        t2 = jump**2 / (np.maximum(spread, 1e-4) ** 2 * (1 / k + 1 / (n - k)) * np.pi / 2)
-        score = float(t2.sum())
-        if score > best[2]:
-            best = (k, float(np.linalg.norm(jump)), score)
-    return best
-
-
-def moved(everything: Views, used: Views, fit: Fit, left_out: "list[int]", mode: Mode) -> list[Finding]:
-    """Whether camera or board moved once: a step in the samples used, or all outliers at one end (`left_out`)."""
-    what = "the camera (or its stand)" if mode == "eye-to-hand" else "the camera on the hand (or the board)"
-    numbers, block = everything.numbers, _one_block(everything.numbers, left_out)
-    if block is not None:
-        apart = poses_apart(everything, fit)
-        k, size = block, float(np.linalg.norm(np.median(apart[block:], axis=0) - np.median(apart[:block], axis=0)))
-    else:
-        k, size, score = step_in(poses_apart(used, fit))
-        numbers = used.numbers
-        if score < MOVED_SCORE or size < MOVED_LEAST_M:
-            return []
-    text = (
-        f"{what} moved between samples {numbers[k - 1]} and {numbers[k]} (by about {1000 * size:.0f} mm): "
-        "fix it firmly and calibrate again"
-    )
+def moved(step: Step | None, numbers: NDArray[np.int64], mode: Mode) -> list[Finding]:
+    """Whether camera or board moved once. `numbers`: of all usable samples."""
+    if step is None or not step.certain:
+        return []
+    before = int(numbers[numbers < step.first].max(initial=-1))
+    words = {
+        ("camera", "eye-to-hand"): "the camera (or its stand)",
+        ("camera", "eye-in-hand"): "the camera on the hand",
+        ("board", "eye-to-hand"): "the board in the hand",
+        ("board", "eye-in-hand"): "the board (or what it lies on)",
+    }
+    what, size = words[step.part, mode], f"by about {1000 * step.size:.1f} mm"
+    text = f"{what} moved between samples {before} and {step.first} ({size}): fix it firmly and calibrate again"
     return [Finding("moved", "refuse", text)]
-
-
-def _one_block(numbers: NDArray[np.int64], left_out: "list[int]") -> int | None:
-    """Index of the first sample after the step when the outliers are (nearly) all first or all last samples."""
-    if len(left_out) < 3:
-        return None
-    flags = np.isin(numbers, left_out)
-    n = len(flags)
-    mistakes = [int(flags[:k].sum() + (~flags[k:]).sum()) for k in range(1, n)]
-    inverse = [n - m for m in mistakes]
-    best, k = min((value, k + 1) for row in (mistakes, inverse) for k, value in enumerate(row))
-    return k if best <= len(left_out) // 4 and 3 <= k <= n - 3 else None
 
 
 def solver_spread(distances_mm: "dict[str, float | None]") -> list[Finding]:

@@ -6,7 +6,8 @@ import numpy as np
 
 from evg_app.geometry import Array, invert, rotation_angle, transform_points
 from evg_app.handeye.detect import board_pose
-from evg_app.handeye.refine import Fit, refine
+from evg_app.handeye.hand_noise import polish
+from evg_app.handeye.refine import Fit, corrected, refine
 from evg_app.handeye.sample import Views
 
 FOLDS = 5
@@ -43,7 +44,7 @@ def held_out(views: Views, fit: Fit, outline: Array, prior: float, seed: int = 0
     mm, deg, px = (np.zeros(len(views)) for _ in range(3))
     for fold in np.array_split(order, min(FOLDS, len(views))):
         rest = np.setdiff1d(np.arange(len(views)), fold)
-        other = refine(views.take(rest), fit.X, fit.Z, fit.scale, prior)
+        other = polish(views.take(rest), refine(views.take(rest), fit, prior), prior)
         for k in fold:
             mm[k], deg[k], px[k] = prediction_error(views.take(np.array([k])), other, outline)
     return Heldout(mm, deg, px)
@@ -52,11 +53,10 @@ def held_out(views: Views, fit: Fit, outline: Array, prior: float, seed: int = 0
 def prediction_error(one: Views, fit: Fit, outline: Array) -> tuple[float, float, float]:
     """Millimetres, degrees and pixels by which a fit misses the board of one sample."""
     predicted = invert(fit.X) @ one.A[0] @ fit.Z
-    corners = outline * fit.scale
-    seen, _ = board_pose(one.points * fit.scale, one.pixels, one.intrinsics, guess=predicted)
+    corners, K = outline * fit.scale, corrected(one.intrinsics, fit.lens)
+    seen, _ = board_pose(one.points * fit.scale, one.pixels, K, guess=predicted)
     off = transform_points(seen, corners) - transform_points(predicted, corners)
     p = transform_points(predicted, one.points * fit.scale)
-    K = one.intrinsics
     pixels = np.stack([K.fx * p[:, 0] / p[:, 2] + K.cx, K.fy * p[:, 1] / p[:, 2] + K.cy], axis=1)
     px = float(np.sqrt(((pixels - one.pixels) ** 2).sum(axis=1).mean()))
     mm = 1000 * float(np.sqrt((off**2).sum(axis=1).mean()))

@@ -7,7 +7,7 @@ import numpy as np
 from evg_app.config.calibration import Mode
 from evg_app.geometry import Array, invert, make, transform_points
 from evg_app.handeye.boards import Board
-from evg_app.handeye.refine import UNKNOWNS, Fit, jacobian
+from evg_app.handeye.refine import SCALE_PRIOR, UNKNOWNS, Fit, jacobian, known, through
 from evg_app.handeye.rigid import exp
 from evg_app.handeye.sample import Views
 from evg_app.motion.feasibility import MotionPlanner
@@ -169,21 +169,21 @@ def _stop(reach: Reach, board: Board, mode: Mode, fit: Fit, hand: Array, near: A
 
 
 def _taken(views: Views, fit: Fit) -> Array:
-    J = jacobian(views, fit.X, fit.Z, fit.scale, np.zeros(3), np.zeros(3))
+    J = jacobian(through(views, fit.lens), fit.X, fit.Z, fit.scale, np.zeros(3), np.zeros(3))
     return np.asarray(np.einsum("mkp,mkq->pq", J, J))
 
 
 def _information(board: Board, K: Intrinsics, mode: Mode, fit: Fit, hand: Array) -> Array:
-    """What one view of the whole board says about the unknowns. Shape (13, 13)."""
+    """What one view of the whole board says about the unknowns. Shape (16, 16)."""
     n = len(board.points)
     A = (hand if mode == "eye-to-hand" else invert(hand))[None]
-    one = Views(A, A, np.zeros(n, np.int64), board.points, np.zeros((n, 2)), np.zeros(1, np.int64), K)
+    one = Views(A, A, np.zeros(n, np.int64), board.points, np.zeros((n, 2)), np.zeros(1, np.int64), K, mode)
     return _taken(one, fit)
 
 
-def _greedy(information: list[Array], known: Array, count: int) -> list[int]:
+def _greedy(information: list[Array], taken: Array, count: int) -> list[int]:
     """Indices of the choices that raise log det of the information most, one after the other."""
-    total, chosen = known + np.diag([1.0] * (UNKNOWNS - 1) + [1.0 / 0.002**2]), list[int]()
+    total, chosen = taken + np.diag(np.maximum(known(SCALE_PRIOR), 1.0)), list[int]()
     stack = np.stack(information) if information else np.zeros((0, UNKNOWNS, UNKNOWNS))
     while len(chosen) < min(count, len(stack)):
         gain = np.linalg.slogdet(total + stack)[1]

@@ -51,7 +51,7 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
 
 def _numbers(session: Session, solution: Solution) -> str:
     fit, sure, held = solution.fit, solution.uncertainty, solution.heldout
-    std = sure.stds()
+    std, off = sure.stds(), solution.lens
     gates = f"good up to {GO_MM:g} mm and {GO_DEG:g} deg, with a warning up to {WARN_MM:g} mm"
     rows = [
         ["held-out error (samples that were not fitted)", f"{held.rms_mm:.2f} mm", f"{held.rms_deg:.3f} deg"],
@@ -59,6 +59,11 @@ def _numbers(session: Session, solution: Solution) -> str:
         ["reprojection, RMS", f"{fit.rms:.3f} px", ""],
         *_table_rows(solution),
         ["size of the board against its YAML", f"{100 * fit.scale:.2f} %", f"+- {100 * sure.scale_std:.2f} %"],
+        ["focal length against the camera's", f"{100 * np.expm1(off[0]):+.2f} %", f"+- {100 * sure.lens_std[0]:.2f} %"],
+        *(
+            [f"principal point, {name}, against the camera's", f"{off[k]:+.2f} px", f"+- {sure.lens_std[k]:.2f} px"]
+            for k, name in ((1, "column"), (2, "row"))
+        ),
     ]
     xyz, quaternion = fit.X[:3, 3], to_quaternion(fit.X)
     place = [

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from evg_app.config.calibration import Mode
 from evg_app.geometry import Array, invert
 from evg_app.handeye.boards import Board, Gray
-from evg_app.handeye.detect import Detection
+from evg_app.handeye.detect import Detection, board_pose
+from evg_app.handeye.lens import undistort
 from evg_app.types import Intrinsics
 
 STRIDE = 8
@@ -66,6 +67,18 @@ class Session:
         """Samples whose picture can be used."""
         return [sample for sample in self.samples if sample.detection.ok]
 
+    def seen_through(self, lens: Intrinsics) -> "Session":
+        """The same pictures with other intrinsics: distortion is taken out anew."""
+        samples = []
+        for sample in self.samples:
+            found = sample.detection
+            if found.ok:
+                ideal = undistort(found.pixels, lens)
+                T, off = board_pose(self.board.points[found.ids], ideal, lens)
+                sample = replace(sample, detection=replace(found, ideal=ideal, T_cam_board=T, fit=off))
+            samples.append(sample)
+        return replace(self, intrinsics=lens, samples=tuple(samples))
+
     def with_samples(self, samples: "tuple[Sample, ...] | list[Sample]") -> "Session":
         """The same session with other samples."""
         return replace(self, samples=tuple(samples))
@@ -86,6 +99,7 @@ class Views:
         pixels: undistorted. Shape (M, 2).
         numbers: of the samples in their session. Shape (N,).
         intrinsics: of the stream.
+        mode: where the camera is.
     """
 
     A: Array
@@ -95,6 +109,7 @@ class Views:
     pixels: Array
     numbers: NDArray[np.int64]
     intrinsics: Intrinsics
+    mode: Mode = "eye-to-hand"
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -118,7 +133,8 @@ class Views:
 
     def swapped(self) -> "Views":
         """As if the camera stood in the other place."""
-        return replace(self, A=invert(self.A))
+        other: Mode = "eye-in-hand" if self.mode == "eye-to-hand" else "eye-to-hand"
+        return replace(self, A=invert(self.A), mode=other)
 
 
 def views_of(session: Session, samples: list[Sample]) -> Views:
@@ -134,4 +150,5 @@ def views_of(session: Session, samples: list[Sample]) -> Views:
         np.concatenate([s.detection.ideal for s in samples] or [none2]),
         np.array([s.number for s in samples], dtype=np.int64),
         session.intrinsics,
+        session.mode,
     )

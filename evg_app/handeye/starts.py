@@ -39,6 +39,8 @@ def plain(views: Views, name: str) -> tuple[Array, Array] | None:
             Z = mean_transform(A_inverse @ X @ B)
     except (cv2.error, ValueError, np.linalg.LinAlgError):
         return None
+    if not (np.isfinite(X).all() and np.isfinite(Z).all()):
+        return None
     return (X, Z) if is_transform(X, 1e-3) and is_transform(Z, 1e-3) else None
 
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from evg_app.geometry import Array, invert, transform_points
-from evg_app.handeye.refine import UNKNOWNS, Fit, jacobian
+from evg_app.handeye.hand_noise import likeliest
+from evg_app.handeye.refine import UNKNOWNS, Fit, known
 from evg_app.handeye.rigid import exp
 from evg_app.handeye.sample import Views
 
@@ -23,7 +24,7 @@ class Uncertainty:
     """Confidence of a fit.
 
     Attributes:
-        covariance: of the 13 unknowns [m, rad]: X translation and rotation, Z the same, log scale. Shape (13, 13).
+        covariance: of the unknowns [m, rad]: X translation and rotation, Z the same, log scale, lens. Shape (16, 16).
         bound_mm, bound_deg: 95 % upper bound of the displacement over the cube, and of the rotation error.
     """
 
@@ -36,31 +37,27 @@ class Uncertainty:
         """Standard deviation of the board's relative size."""
         return float(np.sqrt(self.covariance[12, 12]))
 
+    @property
+    def lens_std(self) -> Array:
+        """Standard deviation of focal length (relative) and principal point [px]. Shape (3,)."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)[13:]))
+
     def stds(self) -> Array:
         """Of the camera's translation [m] (3) and rotation [rad] (3). Shape (6,)."""
         return np.asarray(np.sqrt(np.diag(self.covariance)[:6]))
 
 
 def jackknife(views: Views, fit: Fit, prior: float) -> Array:
-    """Covariance (13, 13) from what leaving out each sample would change (one Gauss-Newton step), plus corner noise.
+    """Covariance (16, 16) from what leaving out each sample would change (one Gauss-Newton step), plus the model's own.
 
-    Samples, not corners, are what varies independently: the arm's error moves all corners of a sample together.
+    The model's own alone knows directions that no sample determines, and what is not known about board size and lens.
     """
-    zero = np.zeros(3)
-    J = jacobian(views, fit.X, fit.Z, fit.scale, zero, zero)
-    per_corner = np.einsum("mkp,mkq->mpq", J, J)
-    gradient = np.einsum("mkp,mk->mp", J, fit.residuals)
-    n = len(views)
-    H = np.zeros((n, UNKNOWNS, UNKNOWNS))
-    g = np.zeros((n, UNKNOWNS))
-    np.add.at(H, views.sample, per_corner)
-    np.add.at(g, views.sample, gradient)
-    noise = max(float((fit.residuals**2).sum()) / max(2 * len(J) - UNKNOWNS, 1), 1e-4)
-    whole = H.sum(axis=0) + noise / UNKNOWN**2 * np.eye(UNKNOWNS)
-    whole[12, 12] += 1.0 / prior**2
+    blocks, _ = likeliest(views, fit, prior)
+    H, g, n = blocks[:, :UNKNOWNS, :UNKNOWNS], blocks[:, :UNKNOWNS, UNKNOWNS], len(views)
+    whole = H.sum(axis=0) + np.diag(known(prior)) + np.eye(UNKNOWNS) / UNKNOWN**2
     steps = np.stack([np.linalg.lstsq(whole - H[k], g[k], rcond=None)[0] for k in range(n)])
     steps -= steps.mean(axis=0)
-    return np.asarray((n - 1) / n * steps.T @ steps + noise * np.linalg.inv(whole))
+    return np.asarray((n - 1) / n * steps.T @ steps + np.linalg.inv(whole))
 
 
 def uncertainty(views: Views, fit: Fit, cube_parent: Array, prior: float, seed: int = 0) -> Uncertainty:

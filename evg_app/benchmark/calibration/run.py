@@ -13,7 +13,7 @@ from evg_app.benchmark.journal import Journal
 from evg_app.config.calibration import MODES, Mode
 from evg_app.trials.provenance import canonical, provenance, sha256
 
-VERSION = 2
+VERSION = 3
 """Raised when sessions are drawn differently, so that old lines are not continued."""
 
 Unit = tuple[Kind, Mode, int]

@@ -21,8 +21,8 @@ from evg_app.handeye.standin.world import draw_truth
 from evg_app.handeye.starts import SOLVERS, plain
 from evg_app.motion.feasibility import MotionPlanner
 
-Kind = Literal["good", "one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur"]
-BAD: tuple[Kind, ...] = ("one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur")
+Kind = Literal["good", "one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur", "lens"]
+BAD: tuple[Kind, ...] = ("one-axis", "board-scale", "swapped-mode", "moved", "outliers", "blur", "lens")
 ROBOT, CAMERA = "panda", "d435i"
 TOO_LARGE = 1.03
 """How much too large the board of a "board-scale" session is printed."""
@@ -102,6 +102,9 @@ def faults_of(kind: Kind, mode: Mode, seed: int, samples: int) -> Faults:
         shift *= rng.uniform(0.005, 0.03) / np.linalg.norm(shift)
         turn *= np.deg2rad(rng.uniform(0.3, 3.0)) / np.linalg.norm(turn)
         return Faults(bump=tuple(float(v) for v in (*shift, *turn)), bump_at=samples // 2)
+    if kind == "lens":
+        off = rng.uniform((0.008, 4.0, 4.0), (0.015, 8.0, 8.0)) * rng.choice((-1.0, 1.0), 3)
+        return Faults(lens=tuple(float(v) for v in off))
     return Faults()
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from evg_app.geometry import TABLE_HEIGHT, Array, invert, make, translation
 from evg_app.handeye.boards import Board
+from evg_app.handeye.refine import corrected
 from evg_app.handeye.rigid import exp, moved
 from evg_app.handeye.standin.picture import BoardPainter, Exposure
 from evg_app.handeye.standin.world import REPEAT_M, REPEAT_RAD, Truth
@@ -29,6 +30,7 @@ class Faults:
         print_scale: multiplies the true size of the board.
         blur_px: motion blur of every picture [px].
         bump: shift [m] and turn [rad] of the camera, shape (6,), from picture `bump_at` on.
+        lens: what the camera says about its lens is off by: log focal length, principal point [px]; (3,).
         wrong_joints: pictures whose joint positions are those of another moment, by up to `WRONG_RAD`.
     """
 
@@ -36,6 +38,7 @@ class Faults:
     blur_px: float = 0.0
     bump: tuple[float, ...] = ()
     bump_at: int = 0
+    lens: tuple[float, ...] = ()
     wrong_joints: tuple[int, ...] = ()
 
 
@@ -172,8 +175,9 @@ class StandInCamera(_Entered):
 
     @property
     def intrinsics(self) -> Intrinsics:
-        """Of the stream."""
-        return self._world.truth.intrinsics
+        """Of the stream, as the camera says."""
+        world = self._world
+        return corrected(world.truth.told, np.array(world.faults.lens)) if world.faults.lens else world.truth.told
 
     @property
     def frame_id(self) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from evg_app.config.calibration import project
 from evg_app.geometry import Array, transform_points
 from evg_app.handeye.boards import Board, Gray, opencv
-from evg_app.handeye.detect import undistort
+from evg_app.handeye.lens import undistort
 from evg_app.types import Intrinsics
 
 SUPERSAMPLING = 3
@@ -125,7 +125,7 @@ class BoardPainter:
         shade = shade * (1.0 + exposure.slope[0] * across + exposure.slope[1] * down)
         around = cv2.resize(behind, (x.shape[1], x.shape[0]), interpolation=cv2.INTER_LINEAR)
         fine = np.where(inside, shade, around).astype(np.float32)
-        rows, columns = np.mgrid[: x.shape[0], : x.shape[1]].astype(np.float32)
+        rows, columns = np.ogrid[: x.shape[0], : x.shape[1]]
         for column, row, radius in exposure.hidden:
             far = np.hypot(columns / s + crop[2] - column, rows / s + crop[0] - row)
             fine[far < radius] = 0.22

@@ -9,6 +9,7 @@ from evg_app.errors import BadInput
 from evg_app.geometry import WORKSPACE_SIZE, Array, camera_on_sphere, invert, make, transform_points
 from evg_app.handeye.boards import Board
 from evg_app.handeye.poses import Reach, first_motions, hand_pose, visible
+from evg_app.handeye.refine import corrected
 from evg_app.handeye.rigid import exp
 from evg_app.types import Intrinsics
 
@@ -20,6 +21,8 @@ ENCODER_RAD = 3e-4
 """Constant offset of each joint (standard deviation): an arm's absolute error is larger than its repeatability."""
 PRINT = 1e-3
 """Relative error of the print's size (standard deviation)."""
+FOCAL, CENTRE_PX = 1e-3, 0.7
+"""What the camera says about its lens is off by this: focal length (relative), principal point (std. deviations)."""
 TRIES = 400
 """Labs that are drawn until one has room."""
 ROOM = 6
@@ -38,6 +41,7 @@ class Truth:
         encoder: joint offsets [rad]. Shape (J,).
         print_scale: true over nominal size of the board.
         intrinsics: of the lens.
+        told: what the camera says about its lens.
         q_start: where the user has put the arm: the board is in view. Shape (J,).
     """
 
@@ -48,6 +52,7 @@ class Truth:
     encoder: Array
     print_scale: float
     intrinsics: Intrinsics
+    told: Intrinsics
     q_start: Array
 
     @property
@@ -72,11 +77,12 @@ def draw_truth(mode: Mode, seed: int, reach: Reach, board: Board, nominal: Intri
     encoder = rng.normal(0, ENCODER_RAD, len(reach.motion.robot.joints))
     lens = replace(nominal, distortion=_lens(rng))
     print_scale = 1.0 + float(rng.normal(0, PRINT))
+    told = corrected(lens, rng.normal(0, (FOCAL, CENTRE_PX, CENTRE_PX)))
     for _ in range(TRIES):
         X, Z = draw(rng, reach.motion.robot.T_base_task.matrix(), board)
         q = _start(rng, mode, X, Z, reach, board, lens)
         if q is not None:
-            return Truth(mode, X, Z, T_hand_real, encoder, print_scale, lens, q)
+            return Truth(mode, X, Z, T_hand_real, encoder, print_scale, lens, told, q)
     raise BadInput(f"no place for camera and board was found in which '{reach.motion.robot.name}' can show the board")
 
 
