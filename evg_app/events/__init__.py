@@ -20,6 +20,7 @@ from evg_app.events.motion import (
     GripperMoved,
     MotionEnded,
     MotionStarted,
+    Routed,
     Verified,
 )
 from evg_app.events.outcomes import (
@@ -60,6 +61,7 @@ __all__ = [
     "MotionStarted",
     "RoundFinished",
     "RoundStarted",
+    "Routed",
     "RunFinished",
     "RunStarted",
     "SceneRechecked",
@@ -89,6 +91,7 @@ Event = (
     | GraspOffered
     | GraspAnswered
     | Held
+    | Routed
     | MotionStarted
     | MotionEnded
     | GripperMoved

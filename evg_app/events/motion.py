@@ -2,7 +2,23 @@
 
 from dataclasses import dataclass
 
-from evg_app.types import GripperResult, GripperState, MotionResult
+from evg_app.geometry import Array
+from evg_app.types import GripperResult, GripperState, MotionResult, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Routed:
+    """A way was planned from where the arm stood [rad] to a goal [rad], shapes (J,).
+
+    Attributes:
+        around_scene: it goes around what was seen; otherwise around what is declared alone.
+    """
+
+    name: str
+    q_start: Array
+    q_goal: Array
+    around_scene: bool
+    way: Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from evg_app.errors import DeviceTimeout, HardwareError
-from evg_app.events import GripperMoved, MotionEnded, MotionStarted, Stage, Warned
+from evg_app.events import GripperMoved, MotionEnded, MotionStarted, Routed, Stage, Warned
 from evg_app.geometry import Array
 from evg_app.picking.session import Round
 from evg_app.picking.waiting import Budget, measured
@@ -146,9 +146,11 @@ def go_to(round_: Round, name: str, q_goal: Array, around_scene: bool = True) ->
         way = round_.ctx.motion.route(q_start, q_goal, view)
         if way is None and view is not None:
             round_.emit(Warned("route", f"no way around the scene for '{name}'; using one around the table only"))
+            view = None
             way = round_.ctx.motion.route(q_start, q_goal, None)
     if way is None:
         raise HardwareError(f"no collision-free way for '{name}' from {np.round(q_start, 3).tolist()}")
+    round_.emit(Routed(name, q_start, q_goal, view is not None, way))
     return follow(round_, name, way)
 
 

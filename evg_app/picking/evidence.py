@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from evg_app.config.evidence import EvidenceModel
 from evg_app.config.models import GripperModel
 from evg_app.errors import HardwareError
-from evg_app.events import Warned
+from evg_app.events import Evidence, Warned
 from evg_app.picking.observe import arm_at_rest, healthy_frame
 from evg_app.picking.session import Round
 
@@ -88,9 +88,8 @@ def _mm(width: float) -> str:
     return f"{width * 1e3:.1f} mm"
 
 
-def signs_of(round_: Round) -> Signs:
-    """The signs that the pass under way has gathered."""
-    seen = round_.now.evidence
+def signs_of(seen: Evidence) -> Signs:
+    """The signs among what a pass has gathered."""
     return Signs(
         seen.width_closed,
         seen.width_lifted,
@@ -114,7 +113,7 @@ def conclude_signs(round_: Round) -> None:
     rule = ctx.robot.evidence
     if ctx.referee is None and rule.look_at_place:
         _look(round_, rule)
-    verdict = judge(signs_of(round_), ctx.robot.gripper, rule)
+    verdict = judge(signs_of(attempt.evidence), ctx.robot.gripper, rule)
     attempt.judged, attempt.judged_why = verdict.held, verdict.why
     if ctx.referee is None and verdict.disagreeing:
         round_.emit(Warned("signs disagree", "; ".join(verdict.disagreeing)))

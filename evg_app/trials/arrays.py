@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged, ViewTaken
+from evg_app.events import Event, FrameTaken, Fused, GraspsPlanned, Judged, Routed, ViewTaken
 from evg_app.types import Frame, Grasps, Intrinsics, Trajectory
 
 
@@ -25,6 +25,7 @@ class Gathered:
     grasps: Grasps = field(default_factory=Grasps.empty)
     judged: Judged | None = None
     planned: bool = False
+    routes: list[Routed] = field(default_factory=list)
 
     def reached(self) -> list[str]:
         """How far the pass came: some of "frame", "fused", "planned", "judged"."""
@@ -49,10 +50,12 @@ class Gathered:
             self.grasps, self.planned = event.grasps, True
         elif isinstance(event, Judged):
             self.judged = event
+        elif isinstance(event, Routed):
+            self.routes.append(event)
 
     def arrays(self) -> dict[str, np.ndarray[Any, Any]]:
         """By name, as they are written."""
-        return {**self._seen(), **_further(self.views), **self._proposed(), **self._moved()}
+        return {**self._seen(), **_further(self.views), **self._proposed(), **self._moved(), **_ways(self.routes)}
 
     def _seen(self) -> dict[str, np.ndarray[Any, Any]]:
         out: dict[str, np.ndarray[Any, Any]] = {}
@@ -125,6 +128,33 @@ def _further(views: Sequence[ViewTaken]) -> dict[str, np.ndarray[Any, Any]]:
         "views.q": np.stack([view.q for view in views]),
         "views.T_base_cam": np.stack([view.T_base_cam for view in views]),
     }
+
+
+def _ways(routes: Sequence[Routed]) -> dict[str, np.ndarray[Any, Any]]:
+    """Ways to the look pose and back, in the order they were planned."""
+    out: dict[str, np.ndarray[Any, Any]] = {}
+    for number, route in enumerate(routes):
+        name = f"routes.{number}"
+        out |= {
+            f"{name}.name": np.array(route.name),
+            f"{name}.q_start": route.q_start,
+            f"{name}.q_goal": route.q_goal,
+            f"{name}.around_scene": np.array(route.around_scene),
+            **_trajectory(name, route.way),
+        }
+    return out
+
+
+def routes_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> list[Routed]:
+    """The ways that an attempt's arrays hold."""
+    routes: list[Routed] = []
+    while (name := f"routes.{len(routes)}") + ".q_start" in stored:
+        joints = tuple(str(joint) for joint in stored[f"{name}.joint_names"])
+        q, dq, ddq = (stored[f"{name}.{part}"] for part in ("q", "dq", "ddq"))
+        way = Trajectory(joints, float(stored[f"{name}.dt"]), q, dq, ddq)
+        ends = stored[f"{name}.q_start"], stored[f"{name}.q_goal"]
+        routes.append(Routed(str(stored[f"{name}.name"]), *ends, bool(stored[f"{name}.around_scene"]), way))
+    return routes
 
 
 def views_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> list[ViewTaken]:

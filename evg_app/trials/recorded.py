@@ -4,7 +4,7 @@ import hashlib
 import json
 import sqlite3
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -12,6 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from evg_app.errors import BadInput
+from evg_app.events import Evidence
 from evg_app.trials import arrays, schema
 from evg_app.trials.provenance import sha256
 
@@ -43,6 +44,7 @@ class RecordedAttempt:
     Attributes:
         attempt_id, run_id, seed, round_index, index, planner_seed, outcome, failure: as in the log.
         stored: its arrays by name (`arrays.py`).
+        verified, evidence: the judgement and what it rests on, as in the log.
         intact: whether the arrays file has the hash it was recorded with; None when none was recorded.
     """
 
@@ -56,6 +58,8 @@ class RecordedAttempt:
     failure: str
     stored: Mapping[str, np.ndarray[Any, Any]]
     intact: bool | None
+    verified: bool | None = None
+    evidence: Evidence = field(default_factory=Evidence)
 
     @property
     def reached(self) -> tuple[str, ...]:
@@ -129,7 +133,15 @@ class RecordedRun:
             row["failure"] or "",
             stored,
             None if row["arrays_sha256"] is None else row["arrays_sha256"] == digest,
+            None if row["verified"] is None else bool(row["verified"]),
+            _evidence(row["evidence"]),
         )
+
+
+def _evidence(text: str) -> Evidence:
+    """The evidence as it was logged; of a log of another version, what this one knows of it."""
+    known = {name.name for name in fields(Evidence)}
+    return Evidence(**{name: value for name, value in json.loads(text).items() if name in known})
 
 
 def _session(row: sqlite3.Row) -> Session:

@@ -23,6 +23,8 @@ class ReplayStage(StrEnum):
     PLANNING = "planning"
     FEASIBILITY = "feasibility"
     MOTION = "motion"
+    ROUTES = "routes"
+    VERIFICATION = "verification"
     LOG = "log"
 
 
@@ -31,6 +33,7 @@ NAMES = {
     ReplayStage.PLANNING: ("T_task_grasp", "width", "score"),
     ReplayStage.FEASIBILITY: ("verdict", "chosen", "flipped", "T_base_grasp"),
     ReplayStage.MOTION: ("reach.", "approach.", "lift.", "transport.", "back.", "retreat."),
+    ReplayStage.ROUTES: ("routes.",),
 }
 """Arrays of each stage; a name that ends in `_` or `.` is a beginning."""
 NEEDS = {
@@ -38,6 +41,7 @@ NEEDS = {
     ReplayStage.PLANNING: "planned",
     ReplayStage.FEASIBILITY: "judged",
     ReplayStage.MOTION: "judged",
+    ReplayStage.ROUTES: "fused",
 }
 """How far a pass must have come for a stage to be compared."""
 
@@ -50,11 +54,14 @@ class Pipeline(Protocol):
         """Of the planner, empty without weights."""
 
     def recompute(self, attempt: RecordedAttempt) -> Gathered:
-        """Perception, planning and feasibility from the logged frame, as far as the attempt came.
+        """Perception, planning, feasibility and routes from what was logged, as far as the attempt came.
 
         Raises:
             EvgError: the loop refuses the frame.
         """
+
+    def verified(self, attempt: RecordedAttempt) -> bool | None:
+        """The judgement on the logged evidence; None where there is none."""
 
 
 @dataclass(frozen=True)
@@ -107,6 +114,10 @@ def replay(attempt: RecordedAttempt, session: Session, pipeline: Pipeline) -> Re
         refused = Difference(ReplayStage.PERCEPTION, f"the loop refuses what it once took: {error}")
         return Replayed(attempt.attempt_id, (*before, refused, *after))
     found, compared = compare(attempt, now)
+    verified = pipeline.verified(attempt)
+    if verified != attempt.verified:
+        what = f"verified: {attempt.verified} became {verified}, from the same evidence"
+        found.append(Difference(ReplayStage.VERIFICATION, what))
     return Replayed(attempt.attempt_id, (*before, *found, *after), compared)
 
 

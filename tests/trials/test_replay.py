@@ -15,7 +15,7 @@ from evg_app.errors import BadInput, HardwareError, WeightsError
 from evg_app.events import GraspsPlanned, Judged
 from evg_app.geometry import translation
 from evg_app.trials import arrays
-from evg_app.trials.arrays import Gathered, frame_of
+from evg_app.trials.arrays import Gathered, frame_of, routes_of
 from evg_app.trials.recorded import RecordedRun
 from evg_app.trials.recorder import Recorder
 from evg_app.trials.replay import ReplayStage, difference, environment_changes, replay
@@ -33,8 +33,8 @@ class FakePipeline:
 
     weights_sha256 = "0" * 64
 
-    def __init__(self, spoil=None):
-        self.spoil = spoil
+    def __init__(self, spoil=None, judges=None):
+        self.spoil, self.judges = spoil, judges
 
     def recompute(self, attempt):
         lab, gathered = Lab(objects=len(attempt.stored["depth"])), Gathered()
@@ -48,9 +48,14 @@ class FakePipeline:
         gathered.take(GraspsPlanned(grasps))
         d = lab.motion_planner.decide(grasps, taken.T_base_task, view, taken.q)
         gathered.take(Judged(d.verdicts, d.grasp_index, d.flipped, d.pick.T_base_grasp, d.pick.trajectories()))
+        for route in routes_of(attempt.stored):
+            gathered.take(replace(route, way=lab.motion_planner.route(route.q_start, route.q_goal, None)))
         if self.spoil is not None:
             self.spoil(gathered)
         return gathered
+
+    def verified(self, attempt):
+        return attempt.verified if self.judges is None else self.judges(attempt)
 
 
 @pytest.fixture
@@ -155,6 +160,22 @@ def _flip_last_bit(array):
 )
 def test_the_first_stage_that_differs_is_named(run, stage, spoil):
     assert first(RecordedRun(run), FakePipeline(spoil)).first is stage
+
+
+def test_a_way_back_that_is_another_and_a_judgement_that_is_another_are_named(run):
+    recorded = RecordedRun(run)
+    first_id = recorded.attempt_ids[0]
+    attempt = recorded.attempt(first_id)
+    assert len(routes_of(attempt.stored)) >= 1, "the arm was not at its look pose in the beginning"
+    session = recorded.sessions[attempt.run_id]
+
+    def another_way(gathered):
+        gathered.routes[0] = replace(gathered.routes[0], way=gathered.judged.trajectories["reach"])
+
+    assert replay(attempt, session, FakePipeline(another_way)).first is ReplayStage.ROUTES
+    assert replay(attempt, session, FakePipeline(lambda g: g.routes.clear())).first is ReplayStage.ROUTES
+    result = replay(attempt, session, FakePipeline(judges=lambda a: not a.verified))
+    assert result.first is ReplayStage.VERIFICATION and "same evidence" in result.differences[0].what
 
 
 def test_a_frame_that_the_loop_now_refuses_is_a_difference_in_perception(run):

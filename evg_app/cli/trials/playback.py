@@ -1,6 +1,7 @@
 """The code under replay: the loop's own states, fed by the log instead of by devices."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -10,11 +11,13 @@ from pydantic import ValidationError
 from evg_app.clock import WallClock
 from evg_app.config.models import CameraConfig, RobotConfig
 from evg_app.errors import BadInput, HardwareError
+from evg_app.events import AttemptOutcome
 from evg_app.geometry import Array
 from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.slower import slowed
 from evg_app.picking.context import Context, Devices
+from evg_app.picking.evidence import in_window, judge, signs_of
 from evg_app.picking.machine import HANDLERS
 from evg_app.picking.motion import PlannedMotion
 from evg_app.picking.perceive import TablePerception
@@ -22,10 +25,12 @@ from evg_app.picking.session import Attempt, Emitter, Round
 from evg_app.picking.slowed import SlowedMotion
 from evg_app.picking.states import Outcome, State
 from evg_app.robots.protocol import MotionHandle
-from evg_app.trials.arrays import Gathered, frame_of, views_of
+from evg_app.trials.arrays import Gathered, frame_of, routes_of, views_of
 from evg_app.trials.recorded import RecordedAttempt
 from evg_app.types import ArmMode, ArmState, Frame, GripperResult, GripperState, Intrinsics, Trajectory, Verdict
 
+DEVICE_ERROR = "device error"
+"""Why an attempt failed that no judgement concluded."""
 STEPS = {"fused": State.OBSERVE, "planned": State.PLAN, "judged": State.FILTER}
 """The state of the loop that brings a pass this far."""
 
@@ -68,7 +73,24 @@ class Playback:
         for name, state in STEPS.items():
             if name not in attempt.reached or HANDLERS[state](round_) is not Outcome.OK:
                 break
+        for route in routes_of(attempt.stored):
+            view = round_.now.view if route.around_scene else None
+            way = round_.ctx.motion.route(route.q_start, route.q_goal, view)
+            if way is not None:
+                gathered.take(replace(route, way=way))
         return gathered
+
+    def verified(self, attempt: RecordedAttempt) -> bool | None:
+        """The loop's rule on the logged openings and looks; None when the fingers never closed."""
+        seen, gripper = attempt.evidence, self._robot.gripper
+        if seen.width_closed is None:
+            return None
+        if AttemptOutcome(attempt.outcome).counts and attempt.failure != DEVICE_ERROR:
+            return judge(signs_of(seen), gripper, self._robot.evidence).held
+        lifted, released = seen.width_lifted, seen.width_release  # the pass was never concluded
+        if lifted is None:
+            return None
+        return in_window(lifted, gripper) and released is not None and in_window(released, gripper)
 
     def _round(self, attempt: RecordedAttempt, gathered: Gathered) -> Round:
         taken, views = frame_of(attempt.stored), views_of(attempt.stored)
