@@ -4,15 +4,20 @@ import re
 import zlib
 
 import numpy as np
+import pypdfium2 as pdfium
 import pytest
 
 from evg_app.cli.main import main
 from evg_app.errors import BadInput
 from evg_app.handeye.boards import Board, load_board
-from evg_app.handeye.paper import write_pdf
+from evg_app.handeye.detect import detect
+from evg_app.handeye.paper import RULER_MM, write_pdf
+from evg_app.types import Intrinsics
 
 POINTS_PER_MM = 72 / 25.4
 SIZE_MM = 0.01
+PIXELS_PER_MM, PRINTED_MM = 12.0, 0.1
+"""A renderer puts the edges of a picture on whole pixels."""
 
 
 @pytest.mark.parametrize("name", ["charuco_a4", "apriltag_a4"])
@@ -50,3 +55,19 @@ def test_a_new_board_gets_pdf_and_yaml(tmp_path, capsys):
     assert main(["calibrate", "board", "mine", *words, "--out", str(out)]) == 0
     assert (out / "mine.pdf").is_file()
     assert load_board("mine", tmp_path).model.columns == 3
+
+
+@pytest.mark.parametrize("name", ["charuco_a4", "apriltag_a4"])
+def test_the_printed_page_shows_the_board_and_a_ruler_of_its_length(name, tmp_path):
+    board, path = load_board(name), tmp_path / "board.pdf"
+    write_pdf(board, path)
+    page = pdfium.PdfDocument(path)[0].render(scale=PIXELS_PER_MM / POINTS_PER_MM, grayscale=True).to_numpy()
+    flat = Intrinsics(page.shape[1], page.shape[0], 1000.0, 1000.0, page.shape[1] / 2, page.shape[0] / 2)
+    found = detect(board, np.ascontiguousarray(page), flat)
+    assert len(found.ids) == len(board.points)
+    printed = found.pixels - found.pixels.mean(axis=0)
+    true = 1000 * (board.points[found.ids] - board.points.mean(axis=0))[:, :2]
+    assert np.abs(printed / PIXELS_PER_MM - true).max() < PRINTED_MM
+    foot = page[-round(19.5 * PIXELS_PER_MM) : -round(18.5 * PIXELS_PER_MM)]
+    ticks = np.flatnonzero((foot < 128).all(axis=0))
+    assert (ticks[-1] - ticks[0]) / PIXELS_PER_MM == pytest.approx(RULER_MM, abs=0.3)
