@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from evg_app.cli.console import say
-from evg_app.cli.operator import Operator
+from evg_app.cli.operator import Operator, supervisor
 from evg_app.cli.protocols import Procedure
 from evg_app.cli.real_lab import RealLab, Wishes, build_real_lab, entered
 from evg_app.cli.stopping import stop_file, stop_now
@@ -28,6 +28,7 @@ from evg_app.picking.run import RunResult, run_rounds
 from evg_app.picking.slowed import SlowedMotion
 from evg_app.picking.stop import StopToken
 from evg_app.trials.scorekeeper import Labeller, Scorekeeper
+from evg_app.viewer.desk import Desk
 
 AT_LOOK_RAD = 0.05
 """The arm is out of the camera's way when every joint is this close to the look pose [rad]."""
@@ -48,10 +49,11 @@ class TableSetter:
 
 @dataclass(frozen=True)
 class Table:
-    """Who sets the table and judges: the procedure, and where the operator's labels are kept."""
+    """Who sets the table and judges: the procedure, where the operator's labels are kept, who sits at the view."""
 
     procedure: Procedure
     label: Labeller
+    desk: Desk | None = None
 
 
 def _at_table(ctx: Context, operator: Operator, table: Table) -> tuple[Context, Rounds]:
@@ -91,14 +93,14 @@ def run_real(
         EvgError: refusal or hardware.
     """
     stop = StopToken()
-    operator = Operator(stop)
+    operator = Operator(stop, table.desk)
     wishes = Wishes(args.driver or robot.driver, args.camera, args.host, args.serial, args.step, args.dry_run)
     lab = build_real_lab(robot, camera, calibration, wishes, motion.kinematics, operator.confirm, sink)
     say("limits, guard and stops of evg-app are software and NOT a safety function: keep your emergency stop at hand")
     with _connected(lab, args.stop_file or folder / "STOP", stop, sink):
         ctx = context_of(lab, planner, motion, share, stop, fan_out(lab.arm.listen, sink))
         check_camera(lab, ctx)
-        ctx, rounds = _at_table(ctx, operator, table)
+        ctx, rounds = _at_table(replace(ctx, supervisor=supervisor(args, table.desk, operator)), operator, table)
         if args.dry_run:
             return dry_run(ctx, rounds, args.seeds, args.rounds, lab.arm.check)
         _home_if_needed(lab)

@@ -7,6 +7,7 @@ import argparse
 import json
 import os
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -132,11 +133,11 @@ def _on_hardware(
     config |= {"calibration": calibration.model_dump(mode="json"), "speed_share": share}
     procedure = protocols.procedure(args, protocol, folder, config, planner)
     with (
-        live_view.live_view(args, robot) as seen,
+        live_view.live_view(args, robot, folder) as seen,
         Recorder(folder, config, resume=args.resume, placement=procedure.placement) as recorder,
     ):
-        sink = fan_out(recorder, Progress(), seen)
-        table = Table(procedure, recorder.store.label)
+        sink = fan_out(recorder, Progress(), seen.sink)
+        table = Table(procedure, recorder.store.label, seen.desk)
         result = run_real(args, robot, camera, calibration, planner, motion, sink, folder, share, table)
     _report(folder, args.json)
     if result.error is not None:
@@ -155,6 +156,7 @@ def _simulate(
 
     with hushed():
         from evg_app.cli.lab import build_lab, loop_context
+    from evg_app.cli.operator import Operator, supervisor
     from evg_app.cli.progress import Progress
     from evg_app.events import fan_out
     from evg_app.grasping.load import load_planner
@@ -170,14 +172,15 @@ def _simulate(
     film, folder = Film(), args.run_dir or default_name()
     with ExitStack() as stack:
         stack.callback(lab.world.close)
-        seen = stack.enter_context(live_view.live_view(args, robot))
+        seen = stack.enter_context(live_view.live_view(args, robot, folder))
         config = snapshot(args, robot, camera, world_config) | protocols.facts(protocol)
         procedure = protocols.procedure(args, protocol, folder, config, planner)
         recorder = Recorder(folder, config, None, film, False, args.resume, procedure.placement)
         stack.enter_context(recorder)
         for device in (lab.camera, lab.arm, lab.gripper):
             stack.enter_context(device)
-        ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress(), seen), film)
+        ctx = loop_context(lab, robot, camera, planner, motion, fan_out(recorder, Progress(), seen.sink), film)
+        ctx = replace(ctx, supervisor=supervisor(args, seen.desk, Operator(ctx.stop)))
         result = run_rounds(ctx, lab.rounds, args.seeds, args.rounds, procedure.done)
     _report(folder, args.json)
     if result.error is not None:

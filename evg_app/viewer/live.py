@@ -4,7 +4,9 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+from evg_app.errors import EvgError
 from evg_app.events import (
     AttemptFinished,
     AttemptStarted,
@@ -21,6 +23,7 @@ from evg_app.events import (
     Warned,
 )
 from evg_app.trials.arrays import Gathered
+from evg_app.trials.labels import VIEWER, add_label
 from evg_app.viewer.counters import Counters
 from evg_app.viewer.drawing import Stored, drawing
 from evg_app.viewer.window import Window
@@ -45,10 +48,12 @@ class LiveView:
 
     Args:
         show: draws a moment, in a thread of its own; `shown_in(window)` for a window.
+        folder: where the run is recorded, for labels.
     """
 
-    def __init__(self, show: Callable[[Moment], None]) -> None:
-        self._show = show
+    def __init__(self, show: Callable[[Moment], None], folder: Path | None = None) -> None:
+        self._show, self._folder = show, folder
+        self._last: AttemptFinished | None = None
         self._gathered, self._counters = Gathered(), Counters()
         self._title, self._what, self._state, self._ended = "run", "", "", ""
         self._fresh: Moment | None = None
@@ -62,6 +67,22 @@ class LiveView:
             self._take(event)
         except Exception:
             log.warning("the live view missed %s", type(event).__name__, exc_info=True)
+
+    def label(self, success: bool | None) -> str:
+        """Keep a person's word about the last executed grasp; what became of it, in words. Safe from any thread.
+
+        The word counts as the log counts it: None leaves the automatic outcome.
+        """
+        last = self._last
+        if last is None or self._folder is None:
+            return "no grasp was executed yet"
+        try:
+            add_label(self._folder, last.attempt_id, success, VIEWER)
+        except EvgError as error:
+            return f"the label was not kept: {error}"
+        self._counters = self._counters.labelled(last, success)
+        self._post(None)
+        return f"{last.attempt_id}: {'cannot tell' if success is None else 'success' if success else 'failure'}, kept"
 
     def close(self, patience: float = 2.0) -> None:
         """Draw what waits, for at most `patience` [s], and end."""
@@ -81,6 +102,7 @@ class LiveView:
         elif isinstance(event, StateEntered):
             self._state = f"state: {event.state}"
         elif isinstance(event, AttemptFinished):
+            self._last = event if event.outcome.counts else self._last
             self._ended = f"{event.outcome}{f': {event.failure}' if event.failure else ''}"
         elif isinstance(event, RoundFinished):
             self._ended = f"round ended: {event.stop_reason}{f': {event.detail}' if event.detail else ''}"
@@ -121,6 +143,7 @@ def shown_in(window: Window) -> Callable[[Moment], None]:
     """Draws moments in a window."""
 
     def show(moment: Moment) -> None:
+        """Draw one."""
         window.count(list(moment.counts))
         if moment.stored is None:
             window.say(list(moment.words))
@@ -128,9 +151,3 @@ def shown_in(window: Window) -> Callable[[Moment], None]:
             window.show(drawing(moment.stored), list(moment.words))
 
     return show
-
-
-def add_stop(window: Window, stop: Callable[[], None]) -> None:
-    """A button that asks the loop to stop: once after this pass, twice now. `stop` is called from another thread."""
-    button = window.server.gui.add_button("stop after this pass; again: now", color="red", order=5)
-    button.on_click(lambda _: stop())

@@ -12,9 +12,8 @@ from evg_app.trials.rows import read_rows
 from evg_app.viewer import text
 from evg_app.viewer.counters import Counters
 from evg_app.viewer.drawing import drawing
+from evg_app.viewer.text import LABELS
 from evg_app.viewer.window import Window
-
-LABELS = {"success": True, "failure": False, "cannot tell": None}
 
 
 def robot_of(run: RecordedRun) -> RobotConfig:

@@ -6,6 +6,8 @@ from html import escape
 from evg_app.types import Verdict
 from evg_app.viewer.colors import VERDICT_COLORS
 
+LABELS = {"success": True, "failure": False, "cannot tell": None}
+"""What a person may say about a pass, in words and as it is kept."""
 FONT = "font: 13px/1.4 system-ui, sans-serif; padding: 0.2em 0.8em"
 
 

@@ -1,36 +1,26 @@
-"""The view in a real browser: a recorded run, through the token, drawn by WebGL on a canvas that is not empty."""
+"""The view in a real browser: drawn by WebGL on a canvas that is not empty; its buttons hold, step, reject and stop."""
 
-import shutil
+import json
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import PATIENCE, Browser
 
 from evg_app.cli.main import main
 from evg_app.errors import BadInput
+from evg_app.trials import schema
 from evg_app.trials.recorded import RecordedRun
+from evg_app.trials.rows import read_rows
+from evg_app.viewer.desk import EARLIEST
 from evg_app.viewer.recorded import RecordedView, robot_of
 from evg_app.viewer.window import Window
 
-PATIENCE = 150
-"""For a browser without a GPU on a busy core to load the page, and again to draw it [s]."""
 COLORS = 50
 """A scene has more colours than this; an empty canvas has one."""
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=800,600",
-    "--remote-debugging-port=0",
-)
 
 
 @pytest.fixture(scope="module")
@@ -45,18 +35,15 @@ def run(tmp_path_factory) -> Path:
 @pytest.fixture
 def browse(tmp_path):
     """Opens a URL in Chromium."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    assert chromium, "this test needs a browser: apt-get install chromium"
     browsers = []
 
-    def open_url(url: str) -> None:
-        words = [chromium, *FLAGS, f"--user-data-dir={tmp_path}", url]
-        browsers.append(subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+    def open_url(url: str) -> Browser:
+        browsers.append(Browser(tmp_path / f"profile{len(browsers)}", url))
+        return browsers[-1]
 
     yield open_url
     for browser in browsers:
-        browser.terminate()
-        browser.wait(timeout=30)
+        browser.close()
 
 
 def client_of(window: Window):
@@ -97,3 +84,50 @@ def test_every_pass_can_be_shown_and_a_label_from_the_view_counts(run):
         assert window.counts != before, "the run has no success of its own"
         with pytest.raises(BadInput, match="--port"):
             Window(robot_of(recorded), port=int(window.server.get_port()))
+
+
+@pytest.fixture
+def live(tmp_path):
+    """A run that waits for a person at the view; the process, its address, its folder."""
+    folder = tmp_path / "run"
+    words = ["run", "--sim", "--model", "antipodal", "--seed", "100", "--run-dir", str(folder)]
+    seen = ["--view", "--view-port", "0", "--view-paused", "--confirm-grasps"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "evg_app.cli.main", *words, *seen],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    url = next(line for line in process.stdout if "live view" in line).split()[-1]
+    yield process, url, folder
+    process.kill()
+    process.wait()
+
+
+@pytest.mark.slow
+def test_a_person_at_the_view_holds_steps_rejects_accepts_labels_and_stops(live, browse):
+    process, url, folder = live
+    page = browse(url)
+    page.shows("held before 'look'")
+    page.press("step")
+    page.shows("held before 'observe'")
+    page.press("go on")
+    page.shows("execute the yellow grasp?")
+    page.fill("why not", "too close to the edge")
+    page.press("reject")
+    page.shows("rejected by a person")
+    time.sleep(2 * EARLIEST)
+    page.press("accept")
+    page.shows("1 passes")
+    page.press("failure")
+    page.shows("kept")
+    page.shows("execute the yellow grasp?")
+    page.press("stop")
+    assert process.wait(PATIENCE) == 130, process.stdout.read()
+    db = schema.open_existing(folder)
+    said = [json.loads(row["data"]) for row in db.execute("SELECT data FROM events WHERE kind = 'GraspAnswered'")]
+    held = [json.loads(row["data"])["state"] for row in db.execute("SELECT data FROM events WHERE kind = 'Held'")]
+    db.close()
+    assert [word["answer"]["reason"] for word in said] == ["too close to the edge", ""]
+    assert held == ["look", "observe"] and [label.success for label in read_rows(folder).labels.values()] == [False]
+    assert main(["trials", "replay", str(folder), "--all"]) == 0, "what was rejected is an input of the replay"

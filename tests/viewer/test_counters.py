@@ -31,3 +31,11 @@ def test_more_successes_than_objects_are_not_more_than_all():
 def test_what_devices_say_cannot_put_anything_on_the_page():
     assert "<script>" not in text.lines(["pass", "<script>alert(1)</script>"])
     assert "accepted: 3" in text.legend({"accepted": 3}) and "no candidate" in text.legend({})
+
+
+def test_a_person_s_word_replaces_the_automatic_one_and_the_last_word_counts():
+    lost = finished(AttemptOutcome.FAILURE)
+    counters = Counters().after(RoundStarted(0, 0, 5)).after(lost)
+    assert counters.labelled(lost, True).lines()[0] == f"GSR {rate(1, 1)}"
+    assert counters.labelled(lost, True).labelled(lost, True).successes == 1
+    assert counters.labelled(lost, True).labelled(lost, None).lines() == counters.lines()
