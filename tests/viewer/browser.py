@@ -116,4 +116,12 @@ class Browser:
 
     def picture(self, path: Path) -> None:
         """Save what is seen."""
-        path.write_bytes(b64decode(self._call("Page.captureScreenshot", {"format": "png"})["data"]))
+        path.write_bytes(self.shot())
+
+    def shot(self) -> bytes:
+        """What is seen, as PNG."""
+        return b64decode(self._call("Page.captureScreenshot", {"format": "png"})["data"])
+
+    def open(self, url: str) -> None:
+        """Go to another address."""
+        self._call("Page.navigate", {"url": url})
