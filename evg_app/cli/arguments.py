@@ -12,6 +12,14 @@ def count(text: str) -> int:
     return value
 
 
+def port(text: str) -> int:
+    """A TCP port; 0 is any free one."""
+    value = int(text)
+    if not 0 <= value <= 65535:
+        raise argparse.ArgumentTypeError("must be between 0 (any free one) and 65535")
+    return value
+
+
 def seeds(text: str) -> tuple[int, ...]:
     """One seed, or several with commas between."""
     found = tuple(int(word) for word in text.split(","))

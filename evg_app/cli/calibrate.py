@@ -7,11 +7,13 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from evg_app.cli import calibrate_bench, calibrate_board, calibrate_verify
-from evg_app.cli.arguments import count
+from evg_app.cli.arguments import count, port
 from evg_app.cli.console import hushed, say
 from evg_app.cli.trials.common import write_json_file
 from evg_app.config.calibration import FOLDER, MODES, save_calibration, write_calibration
@@ -20,11 +22,13 @@ from evg_app.types import Frame
 
 if TYPE_CHECKING:
     from evg_app.handeye.collect import OnSample
+    from evg_app.handeye.live import LivePicture
     from evg_app.handeye.sample import Sample
     from evg_app.handeye.store import RunFolder
 
 SAMPLES = 24
 RESULT, FACTS, REPORT = "result.yaml", "facts.json", "report.html"
+VIEW_PORT = 8080
 SOLVE_TIMEOUT = 600.0
 """[s]."""
 
@@ -44,6 +48,8 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--from", dest="source", type=Path, metavar="RUN", help="solve the samples of a folder again")
     parser.add_argument("--run-dir", type=Path, metavar="DIR", help="where samples and report go")
     parser.add_argument("--force", action="store_true", help="keep a refused result; the file says so")
+    parser.add_argument("--view", action="store_true", help="show what is detected in the browser, live")
+    parser.add_argument("--view-port", type=port, default=VIEW_PORT, metavar="P", help=f"(default: {VIEW_PORT})")
     parser.set_defaults(run=run)
     inner = parser.add_subparsers(dest="calibrate_verb", metavar="VERB", title="other verbs")
     calibrate_board.add_parser(inner)
@@ -85,9 +91,10 @@ def _simulate(args: argparse.Namespace) -> int:
     with hushed():
         from evg_app.handeye.collect import collect
         from evg_app.handeye.standin.judge import judged
-    folder, show = _folder(args, simulated=True)
-    lab = calibrate_bench.simulated(args, args.mode, show)
-    folder.finish(collect(lab.bench, args.samples, args.seed))
+    folder, live = _folder(args, simulated=True)
+    lab = calibrate_bench.simulated(args, args.mode, _keeps(folder, live))
+    with _shown(args, folder):
+        folder.finish(collect(lab.bench, args.samples, args.seed))
     facts = _solve_elsewhere(folder.path, args.force)
     facts = judged({**facts, "seed": args.seed}, lab.truth, lab.bench.motion.kinematics)
     write_json_file(args.json, facts)
@@ -100,30 +107,51 @@ def _on_robot(args: argparse.Namespace) -> int:
     """Collect with the real devices, and solve."""
     with hushed():
         from evg_app.handeye.collect import collect
-    folder, show = _folder(args, simulated=False)
-    with calibrate_bench.real(args, args.mode, show) as bench:
-        session = calibrate_bench.by_hand(bench) if args.manual else collect(bench, args.samples, args.seed)
+    folder, live = _folder(args, simulated=False)
+    with _shown(args, folder), calibrate_bench.real(args, args.mode, _keeps(folder, live)) as bench:
+        if args.manual:
+            session = calibrate_bench.by_hand(bench, lambda sample, frame: live.show(sample, taken=False))
+        else:
+            session = collect(bench, args.samples, args.seed)
     folder.finish(session)
     args.source = folder.path
     return _solve(args)
 
 
-def _folder(args: argparse.Namespace, simulated: bool) -> "tuple[RunFolder, OnSample]":
-    """The run folder, and what is done with each sample: stored, drawn into `live.jpg`, and on a robot said."""
+def _folder(args: argparse.Namespace, simulated: bool) -> "tuple[RunFolder, LivePicture]":
+    """The run folder, and the picture in it that shows each look."""
     with hushed():
         from evg_app.handeye.live import LivePicture
         from evg_app.handeye.store import RunFolder, default_folder
     folder = RunFolder(args.run_dir or default_folder(), simulated)
-    live = LivePicture(folder.path)
+    return folder, LivePicture(folder.path)
 
-    def show(sample: "Sample", frame: Frame) -> None:
+
+def _keeps(folder: "RunFolder", live: "LivePicture") -> "OnSample":
+    """What is done with each sample: stored, shown, and on a robot said."""
+
+    def keep(sample: "Sample", frame: Frame) -> None:
+        """One sample."""
         folder.add(sample, frame)
         live.show(sample)
-        if not simulated:
+        if not folder.simulated:
             found = sample.detection
             say(f"sample {sample.number}: {len(found.ids)} corners, {found.problem or 'ok'} (see {live.path})")
 
-    return folder, show
+    return keep
+
+
+@contextmanager
+def _shown(args: argparse.Namespace, folder: "RunFolder") -> Iterator[None]:
+    """With `--view`, the live picture in the browser while inside."""
+    if not args.view:
+        yield
+        return
+    with hushed():
+        from evg_app.handeye.live_page import LivePage
+    with LivePage(folder.path, args.view_port) as page:
+        say(f"live view: {page.url}")
+        yield
 
 
 def _solve_elsewhere(folder: Path, force: bool) -> dict[str, Any]:

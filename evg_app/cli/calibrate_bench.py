@@ -1,6 +1,8 @@
 """The bench of `evg-app calibrate`: the stand-in's, or the real arm and camera; and samples taken by hand."""
 
 import argparse
+import select
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -9,15 +11,17 @@ from evg_app.cli.console import hushed, say
 from evg_app.config.calibration import Mode
 from evg_app.config.files import load_camera, load_robot
 from evg_app.config.speed import confirmed_speed
-from evg_app.errors import BadInput
 
 if TYPE_CHECKING:
     from evg_app.handeye.collect import Bench, OnSample
-    from evg_app.handeye.sample import Sample, Session
+    from evg_app.handeye.sample import Session
     from evg_app.handeye.standin.bench import SimulatedBench
 
+SLICE = 0.1
+"""Time between two looks while nobody presses a key [s]."""
 MANUAL = """Guide the arm by hand to 15 or more poses that show the board: tilt it about x, y and z by 15 to 30 degrees,
-near and far, in every corner of the picture. Let go, then press Enter to take a sample; q and Enter ends."""
+near and far, in every corner of the picture. Let go, then press Enter to take a sample; q and Enter ends.
+With --view the browser shows what is detected, and where corners were so far."""
 
 
 def simulated(args: argparse.Namespace, mode: Mode, on_sample: "OnSample") -> "SimulatedBench":
@@ -60,18 +64,16 @@ def real(args: argparse.Namespace, mode: Mode, on_sample: "OnSample") -> "Iterat
         yield Bench(arm, pictures, clock, motion, robot, config, board, mode, on_sample, share, camera.T_color_depth)
 
 
-def by_hand(bench: "Bench") -> "Session":
-    """Take a sample at each Enter until q. The board must be seen by then in enough of them; the solver says."""
+def by_hand(bench: "Bench", preview: "OnSample") -> "Session":
+    """Take a sample at each Enter until q, or the end of input; `preview` is shown what the camera sees in between."""
+    with hushed():
+        from evg_app.handeye.by_hand import collect_by_hand
     say(MANUAL)
-    samples: list[Sample] = []
-    while True:
-        try:
-            line = input()
-        except EOFError:
-            break
-        if line.strip().lower() == "q":
-            break
-        samples.append(bench.take(len(samples)))
-    if not samples:
-        raise BadInput("no sample was taken; press Enter at each pose, and q at the end")
-    return bench.session(samples)
+    return collect_by_hand(bench, _key, preview)
+
+
+def _key() -> str | None:
+    """A line of standard input; None when none came within `SLICE`, q at its end."""
+    if not select.select([sys.stdin], [], [], SLICE)[0]:
+        return None
+    return sys.stdin.readline() or "q"

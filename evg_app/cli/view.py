@@ -6,16 +6,10 @@ Example: `evg-app view runs/20260101-120000-abcdef`
 import argparse
 import threading
 
+from evg_app.cli.arguments import port
 from evg_app.cli.console import say
 from evg_app.cli.trials.common import add_run, chosen_run
 from evg_app.viewer.window import DEFAULT_PORT, LOCAL
-
-
-def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError("must be between 0 (any free one) and 65535")
-    return port
 
 
 def add_address(parser: argparse.ArgumentParser | argparse._ArgumentGroup, prefix: str = "--") -> None:
@@ -26,7 +20,7 @@ def add_address(parser: argparse.ArgumentParser | argparse._ArgumentGroup, prefi
         metavar="H",
         help="address to listen on (default: only this machine); any other wants the token in the printed URL",
     )
-    parser.add_argument(f"{prefix}port", type=_port, default=DEFAULT_PORT, metavar="P", help=f"default: {DEFAULT_PORT}")
+    parser.add_argument(f"{prefix}port", type=port, default=DEFAULT_PORT, metavar="P", help=f"default: {DEFAULT_PORT}")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

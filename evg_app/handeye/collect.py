@@ -82,11 +82,19 @@ class Bench:
             HardwareError: the arm or the camera failed.
         """
         self.clock.sleep(REST)
-        frame = self.camera.capture(after=self.clock.now(), timeout=FRAME_TIMEOUT)
-        q = self.arm.state().q.copy()
-        sample = sample_of(number, q, self.motion.kinematics.fk_hand(q), frame, self.board)
+        sample, frame = self.look(number)
         self.on_sample(sample, frame)
         return sample
+
+    def look(self, number: int) -> tuple[Sample, Frame]:
+        """What a sample would be, taken at once and told to nobody.
+
+        Raises:
+            HardwareError: the arm or the camera failed.
+        """
+        frame = self.camera.capture(after=self.clock.now(), timeout=FRAME_TIMEOUT)
+        q = self.arm.state().q.copy()
+        return sample_of(number, q, self.motion.kinematics.fk_hand(q), frame, self.board), frame
 
     def go(self, q: Array) -> bool:
         """Move to a configuration (J,); False when there is no free path or the arm did not arrive."""

@@ -1,4 +1,4 @@
-"""A picture that is written anew after every sample: what was found, and where in the picture corners were so far."""
+"""A picture that is written anew with every look: what was found, and where in the picture corners were so far."""
 
 from pathlib import Path
 
@@ -9,14 +9,15 @@ NAME = "live.jpg"
 
 
 class LivePicture:
-    """Keeps `live.jpg` in a folder; viewers that reload a changed file show it live."""
+    """Keeps `live.jpg` in a folder; `live_page` shows it in a browser."""
 
     def __init__(self, folder: Path) -> None:
+        """Nothing is written before the first look."""
         self.path = folder / NAME
         self._dots: list[tuple[int, int]] = []
 
-    def show(self, sample: Sample) -> None:
-        """Draw one sample: its corners large, those of earlier samples small."""
+    def show(self, sample: Sample, taken: bool = True) -> None:
+        """Draw one sample, or a look that is not `taken`: its corners large, those of earlier samples small."""
         if sample.gray is None:
             return
         cv2 = opencv()
@@ -27,9 +28,10 @@ class LivePicture:
         corners = [(round(float(u)), round(float(v))) for u, v in sample.detection.pixels]
         for corner in corners:
             cv2.circle(image, corner, 5, color, 2)
-        text = f"{sample.number}: {len(corners)} corners {sample.detection.problem or 'ok'}"
+        which = f"sample {sample.number}" if taken else f"before sample {sample.number}"
+        text = f"{which}: {len(corners)} corners {sample.detection.problem or 'ok'}"
         cv2.putText(image, text, (8, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.6, color, 2)
-        if sample.detection.ok:
+        if taken and sample.detection.ok:
             self._dots += corners
         scratch = self.path.with_name(f".{NAME}")
         scratch.write_bytes(cv2.imencode(".jpg", image)[1].tobytes())
