@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from evg_app.benchmark.motion.row import TIMES
 from evg_app.cli.arguments import cores, count
 from evg_app.cli.console import hushed, say
 from evg_app.cli.trials.common import write_json_file
@@ -70,5 +71,4 @@ def _report(facts: dict[str, Any]) -> None:
     recheck = facts["recheck"]
     say(f"look before approach     false alarms {rate(recheck['false_alarms'], recheck['looks'])}")
     say(f"    target moved by 3 cm is noticed in {rate(recheck['noticed'], recheck['looks'])}")
-    times = ("check_ms_median", "scene_ms_median", "path_ms_median", "path_ms_p99")
-    say("times                    " + ", ".join(f"{name} {facts[name]}" for name in times))
+    say("CPU times, median/p99 ms " + ", ".join(f"{t} {facts[t + '_median']}/{facts[t + '_p99']}" for t in TIMES))

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from evg_app.geometry import T_GRASP_FLIPPED, Array
+from evg_app.motion.candidates import QUICK, THOROUGH, free_at_grasp
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.motion.kinematics import Kinematics, hand_of_grasp
-from evg_app.motion.legs import MAX_JUMP, QUICK, THOROUGH, Leg, approach_poses, free_at_grasp, lift_poses
+from evg_app.motion.legs import MAX_JUMP, Leg, approach_poses, lift_poses
 from evg_app.motion.scene import Scene
 from evg_app.motion.track import jacobian, pose_error
 from evg_app.types import Verdict

@@ -7,11 +7,12 @@ import numpy as np
 from evg_app.config.models import RobotConfig
 from evg_app.errors import BadInput, Refused
 from evg_app.geometry import MAX_OPENING, WORKSPACE_SIZE, Array
+from evg_app.motion.candidates import QUICK, THOROUGH, Effort
 from evg_app.motion.collision import ArmChecker, SelfCollision
 from evg_app.motion.finish import Finisher
 from evg_app.motion.gripper import approach_hits, gripper_boxes, gripper_links, lift_hits
 from evg_app.motion.kinematics import Kinematics
-from evg_app.motion.legs import QUICK, THOROUGH, Effort, Leg, find_legs, lift_poses
+from evg_app.motion.legs import Leg, find_legs, lift_poses
 from evg_app.motion.plan import PickDecision, PickPlan
 from evg_app.motion.route import Router
 from evg_app.motion.scene import Scene, SceneView, empty_scene, prepare

@@ -63,67 +63,58 @@ def solve(geometry: FrankaGeometry, T_base_hand: Array, q7: Array) -> Array:
     """
     T_base_7 = T_base_hand @ invert(geometry.T_7_hand)
     axes6, wrist = _joint6(geometry, T_base_7, q7)
-    u = np.array([0.0, 0.0, geometry.d1]) - wrist
-    q = np.full((len(q7), 2, 2, 2, 7), np.nan)
-    q[..., 6] = q7[:, None, None, None]
-    for i, q4 in enumerate(_elbow(geometry, u)):
-        c4, s4 = np.cos(q4), np.sin(q4)
-        along_forearm = geometry.a4 * s4 - geometry.d3 * c4 - geometry.d5
-        across_forearm = geometry.a4 - geometry.a4 * c4 - geometry.d3 * s4
-        for j, q6 in enumerate(_wrist(axes6, u, along_forearm)):
-            q[:, i, j, :, 3] = q4[:, None]
-            q[:, i, j, :, 5] = q6[:, None]
-            z5 = axes6[:, :, 0] * np.sin(q6)[:, None] + axes6[:, :, 1] * np.cos(q6)[:, None]
-            x4 = (u - along_forearm[:, None] * z5) / np.where(np.abs(across_forearm) > _EPS, across_forearm, np.nan)[
-                :, None
-            ]
-            z4 = np.cross(x4, z5)
-            x5 = axes6[:, :, 0] * np.cos(q6)[:, None] - axes6[:, :, 1] * np.sin(q6)[:, None]
-            q[:, i, j, :, 4] = np.arctan2(-_dot(x5, z4), _dot(x5, x4))[:, None]
-            _shoulder(q[:, i, j], x4, z5)
+    u = (np.array([0.0, 0.0, geometry.d1]) - wrist)[:, None]
+    # Everything up to the forearm is written in frame 6, where z5 = (s6, c6, 0). Shapes (M, q4, q6).
+    ux, uy, uz = (u @ axes6)[:, 0].T[:, :, None, None]
+    q4 = _elbow(geometry, np.einsum("mki,mki->m", u, u))[:, :, None]
+    c4, s4 = np.cos(q4), np.sin(q4)
+    along = geometry.a4 * s4 - geometry.d3 * c4 - geometry.d5
+    across = geometry.a4 - geometry.a4 * c4 - geometry.d3 * s4
+    across = np.where(np.abs(across) > _EPS, across, np.nan)
+    q6 = np.arctan2(ux, uy) + _angle(along / np.maximum(np.hypot(ux, uy), _EPS)) * [1.0, -1.0]
+    c6, s6 = np.cos(q6), np.sin(q6)
+    x4 = np.stack(np.broadcast_arrays((ux - along * s6) / across, (uy - along * c6) / across, uz / across), axis=-1)
+    z5 = np.stack([s6, c6, np.zeros_like(c6)], axis=-1)
+    q5 = np.arctan2(x4[..., 2], c6 * x4[..., 0] - s6 * x4[..., 1])
+    c4, s4 = c4[..., None], s4[..., None]
+    in_frame_6 = np.concatenate([x4 * c4 - z5 * s4, x4 * s4 + z5 * c4], axis=1).reshape(len(q7), -1, 3)
+    x3, z3 = (in_frame_6 @ axes6.transpose(0, 2, 1)).reshape(len(q7), 2, 2, 2, 3).swapaxes(0, 1)
+    q1, q2, q3 = _shoulder(x3, z3)
+    q = np.empty((len(q7), 2, 2, 2, 7))
+    for joint, value in ((3, q4), (4, q5), (5, q6), (6, q7[:, None, None])):
+        q[..., joint] = value[..., None]
+    q[..., 0], q[..., 2] = q1[..., None] + [0.0, np.pi], q3[..., None] + [0.0, np.pi]
+    q[..., 1] = q2[..., None] * [1.0, -1.0]
     return q.reshape(len(q7), BRANCHES, 7)
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 def _joint6(geometry: FrankaGeometry, T_base_7: Array, q7: Array) -> tuple[Array, Array]:
     """Axes of frame 6 as columns (M, 3, 3), and the wrist centre (M, 3)."""
     c, s = np.cos(q7)[:, None], np.sin(q7)[:, None]
-    x6 = T_base_7[:, :3, 0] * c - T_base_7[:, :3, 1] * s
-    y6 = -T_base_7[:, :3, 2]
-    return np.stack([x6, y6, np.cross(x6, y6)], axis=2), T_base_7[:, :3, 3] - geometry.a7 * x6
+    x7, y7, z7 = (T_base_7[:, :3, k] for k in range(3))
+    x6, z6 = x7 * c - y7 * s, x7 * s + y7 * c
+    return np.stack([x6, -z7, z6], axis=2), T_base_7[:, :3, 3] - geometry.a7 * x6
 
 
-def _elbow(geometry: FrankaGeometry, u: Array) -> tuple[Array, Array]:
-    """Both q4 for the shoulder-wrist vector u (M, 3); NaN when out of reach."""
+def _angle(cosine: Array) -> Array:
+    """The angle in [0, pi], NaN where there is none."""
+    return np.asarray(np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan)))
+
+
+def _elbow(geometry: FrankaGeometry, square: Array) -> Array:
+    """Both q4 for squared distances (M,) of shoulder and wrist; NaN when out of reach. Shape (M, 2)."""
     d3, a4, d5 = geometry.d3, geometry.a4, geometry.d5
     A, B = a4 * a4 - d3 * d5, a4 * (d3 + d5)
-    C = (2 * a4 * a4 + d3 * d3 + d5 * d5 - _dot(u, u)) / 2
-    cosine = C / np.hypot(A, B)
-    spread = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
-    middle = np.arctan2(B, A)
-    return middle + spread - 2 * np.pi, middle - spread
+    C = (2 * a4 * a4 + d3 * d3 + d5 * d5 - square) / 2
+    spread, middle = _angle(C / np.hypot(A, B)), np.arctan2(B, A)
+    return np.stack([middle + spread - 2 * np.pi, middle - spread], axis=1)
 
 
-def _wrist(axes6: Array, u: Array, along: Array) -> tuple[Array, Array]:
-    """Both q6 for which the forearm axis z5 has the component `along` (M,) on u (M, 3)."""
-    ux, uy = _dot(u, axes6[:, :, 0]), _dot(u, axes6[:, :, 1])
-    cosine = along / np.maximum(np.hypot(ux, uy), _EPS)
-    spread = np.arccos(np.where(np.abs(cosine) <= 1.0, cosine, np.nan))
-    middle = np.arctan2(ux, uy)
-    return middle + spread, middle - spread
-
-
-def _shoulder(q: Array, x4: Array, y4: Array) -> None:
-    """Fill q1, q2, q3 of q (M, 2, 7), which already holds q4, from the axes of frame 4, each (M, 3)."""
-    c4, s4 = np.cos(q[:, 0, 3])[:, None], np.sin(q[:, 0, 3])[:, None]
-    x3, z3 = x4 * c4 - y4 * s4, x4 * s4 + y4 * c4
-    for k, sign in enumerate((1.0, -1.0)):
-        q2 = sign * np.arccos(np.clip(z3[:, 2], -1.0, 1.0))
-        q1 = np.arctan2(sign * z3[:, 1], sign * z3[:, 0])
-        c1, s1, c2, s2 = np.cos(q1), np.sin(q1), np.cos(q2), np.sin(q2)
-        side = np.stack([-s1, c1, np.zeros_like(c1)], axis=1)
-        front = np.stack([c1 * c2, s1 * c2, -s2], axis=1)
-        q[:, k, 0], q[:, k, 1], q[:, k, 2] = q1, q2, np.arctan2(_dot(x3, side), _dot(x3, front))
+def _shoulder(x3: Array, z3: Array) -> tuple[Array, Array, Array]:
+    """q1, q2, q3 with q2 >= 0 from axes of frame 3 (..., 3); the other solution is (q1 + pi, -q2, q3 + pi). (...)."""
+    q1 = np.arctan2(z3[..., 1], z3[..., 0])
+    c1, s1 = np.cos(q1), np.sin(q1)
+    c2 = np.clip(z3[..., 2], -1.0, 1.0)
+    q2 = np.arccos(c2)
+    ahead, up = c1 * x3[..., 0] + s1 * x3[..., 1], x3[..., 2]
+    return q1, q2, np.arctan2(c1 * x3[..., 1] - s1 * x3[..., 0], c2 * ahead - np.sin(q2) * up)

@@ -34,16 +34,22 @@ class Times:
         drop, look = np.asarray(robot.drop.q_rad), np.asarray(robot.look_q_rad)
         return Times(q_start, drop, look, velocity, acceleration, robot.limits.carry_scale)
 
-    def between(self, a: Array, b: Array, share: float = 1.0) -> float:
-        """From rest to rest on the straight joint path, jerk ignored [s]."""
+    def between(self, a: Array, b: Array, share: float = 1.0) -> Array:
+        """From rest to rest on straight joint paths, jerk ignored. Shapes (..., 7) -> (...) [s]."""
         way, v, a_max = np.abs(b - a), self.velocity * share, self.acceleration * share
         ramps = way < v * v / a_max
-        return float(np.where(ramps, 2 * np.sqrt(way / a_max), way / v + v / a_max).max())
+        return np.asarray(np.where(ramps, 2 * np.sqrt(way / a_max), way / v + v / a_max).max(axis=-1))
 
     def along(self, leg: Array, share: float = 1.0) -> float:
         """Along configurations (K, 7) that are followed exactly [s]; near a singularity joints turn far."""
         far = np.abs(np.diff(leg, axis=0)).sum(axis=0)
-        return self.between(np.zeros_like(far), far, share)
+        return float(self.between(np.zeros_like(far), far, share))
+
+    def through(self, kinematics: Kinematics, q: Array) -> Array:
+        """From the start to q (..., 7) and on to the drop pose; plus closeness to limits [s]. Shape (...)."""
+        closeness = np.abs(2 * (q - kinematics.middle) / (kinematics.upper - kinematics.lower)).max(axis=-1)
+        cycle = self.between(self.start, q) + self.between(q, self.drop, self.carry)
+        return np.asarray(cycle + LIMIT_WEIGHT * closeness**4)
 
     def of_leg(self, kinematics: Kinematics, approach: Array, lift: Array) -> float:
         """Reach, approach, lift, transport to the drop pose and back to the look pose; plus closeness to limits [s]."""
@@ -51,4 +57,4 @@ class Times:
         closeness = np.abs(2 * (whole - kinematics.middle) / (kinematics.upper - kinematics.lower)).max()
         cycle = self.between(self.start, approach[0]) + self.along(approach) + self.along(lift, self.carry)
         cycle += self.between(lift[-1], self.drop, self.carry) + self.between(self.drop, self.look)
-        return cycle + LIMIT_WEIGHT * float(closeness) ** 4
+        return float(cycle + LIMIT_WEIGHT * closeness**4)

@@ -9,8 +9,10 @@ from scipy.interpolate import CubicSpline
 from evg_app.geometry import Array
 from evg_app.motion.kinematics import Integers, Kinematics
 
-EVERY = 3
+EVERY = 6
 """Every so many poses are stepped to one after the other; those between are interpolated and corrected together."""
+CORRECTIONS = 2
+"""Newton steps that correct all poses together."""
 DAMPING = 1e-8
 """Keeps singular poses solvable; then the pose is missed and the row becomes NaN."""
 MISSED = 1e-5
@@ -39,7 +41,8 @@ def track(kinematics: Kinematics, q: Array, poses: Array) -> Array:
             now = _newton(kinematics, now, poses[:, index])
             rough[:, k] = now
         flat = _between(knots, rough, poses.shape[1]).reshape(-1, 7)
-        flat = _newton(kinematics, flat, wanted)
+        for _ in range(CORRECTIONS):
+            flat = _newton(kinematics, flat, wanted)
         error = pose_error(kinematics.fk_hand(flat), wanted)
     path = flat.reshape(*poses.shape[:2], 7)
     missed = ~(np.abs(error).max(axis=1) < MISSED).reshape(poses.shape[:2])

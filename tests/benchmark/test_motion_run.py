@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from evg_app.benchmark.motion import run as running
 from evg_app.benchmark.motion.baseline import StraightPick
 from evg_app.benchmark.motion.cell import Cell
 from evg_app.benchmark.motion.config import MotionBenchmark, kind_of
-from evg_app.benchmark.motion.row import BASELINE, TRUE, SceneRow
+from evg_app.benchmark.motion.row import BASELINE, TIMES, TRUE, SceneRow
 from evg_app.benchmark.motion.run import benchmark, journal_path
 from evg_app.benchmark.motion.targets import targets_of
 from evg_app.benchmark.motion.truth import TrueDistance, true_view
@@ -87,7 +88,7 @@ def small_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_a_scene_is_a_pure_function_of_config_seed_and_number(small_run: Path) -> None:
-    times = {"scene_ms": (), "check_ms": (), "path_ms": (), "git_commit": ""}
+    times: dict[str, Any] = dict.fromkeys(TIMES, ()) | {"git_commit": ""}
     first = SceneRow.from_dict(json.loads(small_run.read_text())["rows"][0])
     again = SceneRow.from_dict(benchmark(SMALL, 0, 1)["rows"][0])
     assert dataclasses.replace(first, **times) == dataclasses.replace(again, **times)

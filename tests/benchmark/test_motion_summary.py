@@ -21,7 +21,8 @@ def cycle(arm: str, contacts: tuple[str, ...] = (), broken: tuple[str, ...] = ()
 
 
 def row(number: int, cycles: tuple[Cycle, ...], targets: tuple[Target, ...] = ()) -> SceneRow:
-    return SceneRow(0, number, "packed", ("mug_01",), 9, targets, cycles, (20.0,), (1.0, 3.0), (100.0, 900.0), "c0ffee")
+    times = ((20.0,), (1.0, 3.0), (9.0,), (100.0, 900.0), (4.0,))
+    return SceneRow(0, number, "packed", ("mug_01",), 9, targets, cycles, *times, "c0ffee")
 
 
 ROWS = [

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from evg_app.motion.legs import QUICK, THOROUGH, find_legs
+from evg_app.motion.candidates import QUICK, THOROUGH
+from evg_app.motion.legs import find_legs
 from evg_app.motion.scene import empty_scene
 from evg_app.motion.track import jacobian, pose_error, track
 
@@ -58,7 +59,7 @@ def test_a_pose_out_of_reach_ends_the_row_only(planner):
 def test_a_thorough_search_finds_at_least_as_many_legs(planner, robot, top_grasp):
     scene = empty_scene(robot)
     T = robot.T_base_task.matrix() @ top_grasp((0.15, 0.15, 0.10), 0.4, 0.5)
-    quick = find_legs(robot, planner.checker, scene, T, planner.look_q, QUICK)
-    thorough = find_legs(robot, planner.checker, scene, T, planner.look_q, THOROUGH)
+    quick = list(find_legs(robot, planner.checker, scene, T, planner.look_q, QUICK))
+    thorough = list(find_legs(robot, planner.checker, scene, T, planner.look_q, THOROUGH))
     assert len(thorough) > len(quick) > 0
     assert min(leg.cost for leg in thorough) <= min(leg.cost for leg in quick) + 0.05

@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
+import pybullet
 
 from evg_app.benchmark.motion.baseline import StraightPick
 from evg_app.benchmark.motion.config import MotionBenchmark
@@ -92,6 +93,7 @@ class Cell:
             words = np.random.SeedSequence([seed, number]).generate_state(1, np.uint32)
             self._world.new_round(int(words[0]))
             self._judge = ContactJudge(self._world)
+            self._rest(pybullet.ACTIVATION_STATE_ENABLE_SLEEPING)
             self._saved = self._world.client.saveState()
         except EvgError:
             self._world.close()
@@ -214,9 +216,15 @@ class Cell:
             return f"{phase}: did not end"
         return "" if result.reached else f"{phase}: {result.reason}"
 
+    def _rest(self, state: int) -> None:
+        """Put the objects to sleep, or let them fall asleep: physics leaves them out until something touches them."""
+        for thing in self._world.placed:
+            self._world.client.changeDynamics(thing.body, -1, activationState=state)
+
     def _renew(self) -> None:
         """Everything as it was when the scene was built."""
         self._world.client.restoreState(stateId=self._saved)
+        self._rest(pybullet.ACTIVATION_STATE_SLEEP)
         for renew in self._world.on_reset:
             renew()
         self._world.solve_finely(False)

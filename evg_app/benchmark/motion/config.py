@@ -11,7 +11,7 @@ from evg_app.config.models import CameraConfig, RobotConfig, WorldConfig
 from evg_app.errors import BadInput
 from evg_app.simulation.recipes import KINDS
 
-PROTOCOL = 2
+PROTOCOL = 3
 """Number of the protocol's implementation: scenes of different numbers are not mixed."""
 
 
@@ -34,7 +34,7 @@ class MotionBenchmark:
     config_dir: str | None = None
     count: int = 5
     candidates: int = 1500
-    reach: int = 10
+    reach: int = 5
     seeds: int = 500
     examined: int = 12
 

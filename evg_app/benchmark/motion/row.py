@@ -12,6 +12,10 @@ The last is followed by the policy for unknown space: "observed optimistic".
 """
 
 
+TIMES = ("scene_ms", "check_ms", "legs_ms", "path_ms", "timing_ms")
+"""Fields of a row that hold times."""
+
+
 @dataclass(frozen=True)
 class Target:
     """One grasp whose reachability was tested.
@@ -83,8 +87,11 @@ class SceneRow:
         targets: reachability.
         cycles: what was executed.
         scene_ms: CPU times to prepare the observed scene [ms].
-        check_ms: CPU times to check one candidate that reached the test of arm against scene [ms].
-        path_ms: CPU times from a checked candidate to all its timed motions [ms].
+        check_ms: CPU times until one candidate that reached the test of arm against scene has its answer: inverse
+            kinematics over both flips, self-collision, arm against scene [ms].
+        legs_ms: CPU times from there to its first straight approach and lift on which the arm is free [ms].
+        path_ms: CPU times from there to all six timed motions [ms].
+        timing_ms: CPU times to time and verify one motion [ms].
         git_commit: of the code that ran it.
     """
 
@@ -97,7 +104,9 @@ class SceneRow:
     cycles: tuple[Cycle, ...]
     scene_ms: tuple[float, ...]
     check_ms: tuple[float, ...]
+    legs_ms: tuple[float, ...]
     path_ms: tuple[float, ...]
+    timing_ms: tuple[float, ...]
     git_commit: str = ""
 
     def to_dict(self) -> dict[str, Any]:
@@ -112,7 +121,7 @@ class SceneRow:
             BadInput: the values are not a scene's.
         """
         try:
-            flat = {k: tuple(values[k]) for k in ("objects", "scene_ms", "check_ms", "path_ms")}
+            flat = {k: tuple(values[k]) for k in ("objects", *TIMES)}
             targets = tuple(Target(**target) for target in values["targets"])
             lists = ("contacts", "after", "broken")
             cycles = tuple(Cycle(**(c | {k: tuple(c[k]) for k in lists})) for c in values["cycles"])

@@ -85,9 +85,11 @@ def _row(
         grasps=len(targets),
         targets=reach,
         cycles=tuple(cycles),
-        scene_ms=times.scene_ms,
-        check_ms=times.check_ms,
-        path_ms=times.path_ms,
+        scene_ms=tuple(times.scene_ms),
+        check_ms=tuple(times.check_ms),
+        legs_ms=tuple(times.legs_ms),
+        path_ms=tuple(times.path_ms),
+        timing_ms=tuple(times.timing_ms),
         git_commit=git_commit,
     )
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from evg_app.benchmark.motion.row import BASELINE, OBSERVED, TRUE, Cycle, SceneRow, Target
+from evg_app.benchmark.motion.row import BASELINE, OBSERVED, TIMES, TRUE, Cycle, SceneRow, Target
 from evg_app.trials.statistics import tally, wilson
 
 
@@ -25,10 +25,8 @@ def summary(rows: Sequence[SceneRow], policy: str, policies: Sequence[str], chan
     true, observed = arms[TRUE], arms[f"{OBSERVED} {policy}"]
     return {
         **reach_facts(targets),
-        "check_ms_median": _median(ms for row in rows for ms in row.check_ms),
-        "scene_ms_median": _median(ms for row in rows for ms in row.scene_ms),
-        "path_ms_median": _median(ms for row in rows for ms in row.path_ms),
-        "path_ms_p99": _percentile((ms for row in rows for ms in row.path_ms), 99),
+        **{f"{name}_median": _percentile(_all(rows, name), 50) for name in TIMES},
+        **{f"{name}_p99": _percentile(_all(rows, name), 99) for name in TIMES},
         "executed": true["executed"],
         "contacts": true["contacts"],
         "contacts_ci": true["contacts_ci"],
@@ -135,8 +133,9 @@ def _reasons(ended: str) -> str:
     return re.sub(r" \d+", "", ended.removeprefix("no pick: "))
 
 
-def _median(values: Iterable[float]) -> float | None:
-    return _percentile(values, 50)
+def _all(rows: Sequence[SceneRow], name: str) -> list[float]:
+    """One kind of times of all scenes."""
+    return [ms for row in rows for ms in getattr(row, name)]
 
 
 def _percentile(values: Iterable[float], share: float) -> float | None:
