@@ -29,6 +29,8 @@ EXTRAS = {
     "realsense": ("pyrealsense2", "the D435i camera"),
     "ros": ("rclpy", "the robot over ROS 2"),
     "franka": ("pylibfranka", "the robot over the Franka Control Interface"),
+    "viewer": ("viser", "the view in the browser"),
+    "export": ("mcap", "evg-app trials export --mcap"),
     "train": ("matplotlib", "curves of evg-app train"),
     "test": ("pytest", "the test-suite"),
 }

@@ -19,7 +19,8 @@ def recover(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING, Outcome.GIVE_
     round_.recoveries += 1
     attempt.recoveries += 1
     if round_.recoveries > settings.max_recoveries:
-        return _give_up(round_, f"{settings.max_recoveries} recoveries in a row did not help: {cause}")
+        text = f"{settings.max_recoveries} recoveries in a row did not help: {cause}"
+        return _give_up(round_, f"{text}. Look at the robot's own page, clear the scene, then run the command again")
     round_.emit(Warned("recovering", cause))
     problem = ""
     for _ in range(settings.recover_tries):

@@ -27,7 +27,7 @@ class Goal:
         self._cancel_answered = threading.Event()
         self.ended = threading.Event()
         self._handle: Any = None
-        self._unwanted = False
+        self._unwanted = self._mute = False
         self._problem = ""
         self.status = 0
         self.result: Any = None
@@ -94,14 +94,17 @@ class Goal:
             self._link.call(self._send_cancel, f"the cancel to leave for {self._action}")
 
     def cancel(self, timeout: float) -> bool:
-        """Ask the server to stop this goal; whether it answered within `timeout` [s]. Safe to repeat."""
+        """Ask the server to stop this goal; whether it answered within `timeout` [s].
+
+        Safe to repeat; a server that once did not answer is asked again, but not waited for.
+        """
         if self.ended.is_set():
             return True
         self._unwanted = True
         try:
             self._link_cancel()
-            if self._handle is not None:
+            if self._handle is not None and not self._mute:
                 self._link.wait(self._cancel_answered, timeout, f"{self._action} to confirm the cancel")
         except DeviceTimeout:
-            return self.ended.is_set()
-        return True
+            self._mute = True
+        return self.ended.is_set() or not self._mute

@@ -23,6 +23,7 @@ from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
@@ -66,6 +67,7 @@ class Peer:
         self.joint_pub = node.create_publisher(JointState, "/joint_states", 10)
         self.finger_pub = node.create_publisher(JointState, "/franka_gripper/joint_states", 10)
         self.state_pub = node.create_publisher(FrankaRobotState, "/franka_robot_state_broadcaster/robot_state", 10)
+        self.stop_pub = node.create_publisher(Empty, "/evg_app/stop", 1)
         self.timers = [
             [1.0 / options.rate, 0.0, self.send_joints],
             [1.0 / 15.0, 0.0, self.send_fingers],
@@ -289,15 +291,41 @@ class Peer:
             self.mode = 2
         return response
 
-    def reflex(self):
+    # what the test wants: `answer("word", ...)` calls `asked_word(...)`
+
+    def answer(self, command, *values):
+        return getattr(self, f"asked_{command}")(*values)
+
+    def asked_fault(self, faults):
+        self.faults = dict(faults)
+        self.jtc.frozen = bool(self.faults.get("freeze"))
+
+    def asked_facts(self):
+        q, dq = self.jtc.joints()
+        return {"q": q, "dq": dq, "width": self.hand.width(), "wire": list(self.wire), "busy": self.jtc.busy}
+
+    def asked_mode(self, mode):
+        self.mode = mode
+
+    def asked_reflex(self):
         """As franka_ros2 does: error, motion aborted, hardware unconfigured, controllers inactive."""
         self.errors, self.mode = ("cartesian_reflex",), 4
         self.jtc.drop("path tolerance violated: reflex")
         self.hardware, self.controllers = False, {"joint_state_broadcaster", "franka_robot_state_broadcaster"}
 
-    def home(self):
+    def asked_user_stop(self):
+        self.mode = 5
+        self.jtc.drop("path tolerance violated: user stop")
+
+    def asked_stop_topic(self):
+        self.stop_pub.publish(Empty())
+
+    def asked_deactivate(self):
+        self.controllers, self.mode = {"joint_state_broadcaster", "franka_robot_state_broadcaster"}, 1
+
+    def asked_home(self):
         """As when it was started: well, open, at the look pose, at rest, and nothing heard."""
-        self.answer("fault", {})
+        self.asked_fault({})
         self.mode, self.errors, self.hardware, self.controllers = 2, (), True, set(CONTROLLERS)
         robot, client = self.world.robot, self.world.client
         for joint, q in zip(robot.joints, self.world.robot_config.look_q_rad, strict=True):
@@ -309,39 +337,19 @@ class Peer:
         self.wire.clear()
         self.late.clear()
 
-    # what the test wants
+    def asked_round(self, number, seed):
+        self.objects = self.rounds.prepare(number, seed)
+        return self.objects
 
-    def answer(self, command, *values):
-        if command == "fault":
-            self.faults = dict(values[0])
-            self.jtc.frozen = bool(self.faults.get("freeze"))
-            return None
-        if command == "facts":
-            q, dq = self.jtc.joints()
-            return {"q": q, "dq": dq, "width": self.hand.width(), "wire": list(self.wire), "busy": self.jtc.busy}
-        if command == "mode":
-            self.mode = values[0]
-            return None
-        if command == "reflex":
-            return self.reflex()
-        if command == "deactivate":
-            self.controllers, self.mode = {"joint_state_broadcaster", "franka_robot_state_broadcaster"}, 1
-            return None
-        if command == "home":
-            return self.home()
-        if command == "round":
-            self.objects = self.rounds.prepare(*values)
-            return self.objects
-        if command == "truth":
-            truth = self.world.truth()
-            return len(truth.on_table), len(truth.in_bin)
-        if command == "frame":
-            return self.camera.capture(after=0.0, timeout=5.0)
-        if command == "camera_pose":
-            return self.camera.T_base_cam
-        if command == "die":
-            os._exit(9)
-        raise ValueError(command)
+    def asked_truth(self):
+        truth = self.world.truth()
+        return len(truth.on_table), len(truth.in_bin)
+
+    def asked_frame(self):
+        return self.camera.capture(after=0.0, timeout=5.0)
+
+    def asked_camera_pose(self):
+        return self.camera.T_base_cam
 
     def run(self, requests):
         due = time.monotonic()
