@@ -5,8 +5,11 @@ Example: `evg-app calibrate verify`, or with the stand-in:
 """
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from evg_app.cli import calibrate_bench
 from evg_app.cli.console import hushed, say
@@ -14,6 +17,9 @@ from evg_app.cli.trials.common import write_json_file
 from evg_app.config.calibration import Calibration, newest_calibration
 from evg_app.config.files import read
 from evg_app.errors import BadInput
+
+if TYPE_CHECKING:
+    from evg_app.handeye.collect import Bench
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]", devices: argparse.ArgumentParser) -> None:
@@ -41,16 +47,25 @@ def run(args: argparse.Namespace) -> int:
     else:
         result = read(path, Calibration)
     args.board = result.board
-    if args.sim:
-        lab = calibrate_bench.simulated(args, result.mode, lambda sample, frame: None)
-        session = fresh_samples(lab.bench, result, args.seed + 1)
-    else:
-        with calibrate_bench.real(args, result.mode, lambda sample, frame: None) as bench:
-            session = fresh_samples(bench, result, args.seed + 1)
+    with _bench(args, result) as bench:
+        begin = bench.clock.now()
+        session = fresh_samples(bench, result, args.seed + 1)
+        seconds = bench.clock.now() - begin
     found = check(session, result)
-    write_json_file(args.json, {**asdict(found), "result": str(path), "mode": result.mode})
+    write_json_file(args.json, {**asdict(found), "result": str(path), "mode": result.mode, "seconds": seconds})
+    say(f"{len(session.samples)} poses in {seconds:.0f} s")
     if found.mm is not None:
         say(f"{found.verdict.upper()}  {found.mm:.2f} mm, {found.deg:.3f} deg on {found.samples} fresh poses ({path})")
     if found.reason:
         say(f"  - {found.reason}")
     return 3 if found.verdict == "refuse" else 0
+
+
+@contextmanager
+def _bench(args: argparse.Namespace, result: Calibration) -> "Iterator[Bench]":
+    """The stand-in's or the real devices, entered; samples are not kept."""
+    if args.sim:
+        yield calibrate_bench.simulated(args, result.mode, lambda sample, frame: None).bench
+        return
+    with calibrate_bench.real(args, result.mode, lambda sample, frame: None) as bench:
+        yield bench

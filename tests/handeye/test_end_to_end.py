@@ -5,13 +5,14 @@ import shutil
 
 import pytest
 
-from evg_app.benchmark.calibration.units import Study, collected, solved
+from evg_app.benchmark.calibration.units import Study, collected, judge, solved
 from evg_app.cli.main import main
 from evg_app.config.calibration import Calibration
 from evg_app.config.files import read
 
 TRUE_MM, TRUE_DEG = 3.0, 0.5
 SAMPLES = "14"
+VERIFY_S, LEAST_FRESH = 120, 7
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +61,9 @@ def test_verify_agrees_with_the_lab_and_notices_another_one(calibrated, tmp_path
     result = str(calibrated[0] / "result.yaml")
     verify = ["calibrate", "verify", "--sim", "--result", result, "--json", str(tmp_path / "v.json")]
     assert main([*verify, "--seed", "3"]) == 0
-    assert json.loads((tmp_path / "v.json").read_text())["mm"] < TRUE_MM
+    found = json.loads((tmp_path / "v.json").read_text())
+    assert found["mm"] < TRUE_MM and found["samples"] >= LEAST_FRESH
+    assert found["seconds"] < VERIFY_S, "motions at the configured speed, rests and exposures"
     assert main([*verify, "--seed", "4"]) == 3
 
 
@@ -68,6 +71,24 @@ def test_verify_agrees_with_the_lab_and_notices_another_one(calibrated, tmp_path
 def test_a_board_printed_too_large_is_named_and_corrected():
     facts, _ = solved(collected(Study(samples=14), "board-scale", "eye-in-hand", 3))
     assert "board-scale" in facts["causes"] and facts["board_scale"] == pytest.approx(1.03, abs=0.005)
+
+
+@pytest.mark.slow
+def test_intrinsics_that_are_wrong_are_named_and_corrected():
+    session = Study(samples=14), "lens", "eye-to-hand", 3
+    row = judge(*session, solved(collected(*session)))
+    assert row.named and row.harmless and row.facts["verdict"] == "warn"
+    assert row.facts["true_mm"] < row.facts["bound_mm"]
+    assert min(v for v in row.plain_mm.values() if v) > TRUE_MM
+
+
+@pytest.mark.slow
+def test_a_grid_of_tags_calibrates_as_well_as_a_chessboard():
+    session = Study(board="apriltag_a4", samples=14), "good", "eye-in-hand", 3
+    row = judge(*session, solved(collected(*session)))
+    assert row.facts["verdict"] == "go", row.facts["reasons"]
+    assert row.facts["true_mm"] < TRUE_MM and row.facts["true_deg"] < TRUE_DEG
+    assert row.facts["true_mm"] < row.facts["bound_mm"]
 
 
 def test_without_a_mode_the_command_says_which_there_are(capsys):

@@ -10,7 +10,7 @@ from evg_app.handeye.detect import detect
 from evg_app.handeye.rigid import exp
 from evg_app.handeye.standin.picture import BoardPainter, Exposure
 
-CORNER_PX = {"charuco_a4": 0.15, "apriltag_a4": 0.6}
+CORNER_PX = {"charuco_a4": 0.15, "apriltag_a4": 0.08}
 """RMS distance of found from true corners in each direction."""
 BIAS_PX = 0.05
 
