@@ -36,6 +36,7 @@ class Batch:
     Attributes:
         grid: (B, 1, 40, 40, 40).
         positive, positive_rotation, positive_width: (B, P, 3), (B, P, 3, 3), (B, P) [fraction of 0.3 m].
+        positive_counts: 0 in scenes that have no positive, so that these places are nonsense. (B, P).
         judged, judged_rotation: collisions, slips and proposals. (B, J, 3), (B, J, 3, 3).
         judged_label, judged_weight: success without and with contact on the approach, and what is known. (B, J, 2).
         judged_counts: weight of the judged in graspness, as negatives. (B, J).
@@ -47,6 +48,7 @@ class Batch:
     positive: Tensor
     positive_rotation: Tensor
     positive_width: Tensor
+    positive_counts: Tensor
     judged: Tensor
     judged_rotation: Tensor
     judged_label: Tensor
@@ -74,7 +76,7 @@ def draw(
     Mirroring is exact: the gripper is its own mirror image.
     """
     kind, proposed = table.kind[scene], table.proposed[scene]
-    good = _choose((kind == Kind.POSITIVE) & ~proposed, sizes.positives, generator)[0]
+    good, any_good = _choose((kind == Kind.POSITIVE) & ~proposed, sizes.positives, generator)
     groups = (
         ((kind == Kind.COLLISION) & ~proposed, sizes.collisions),
         ((kind == Kind.SLIP) & ~proposed, sizes.slips),
@@ -106,6 +108,7 @@ def draw(
         **{k: _normalised(p, sign) for k, p in places.items()},
         grid=grid[:, None],
         positive_rotation=_matrices(_rows(rotation.flatten(2), good)),
+        positive_counts=any_good.float(),
         positive_width=table.width[scene].gather(1, good) / WORKSPACE_SIZE,
         judged_rotation=_matrices(_rows(rotation.flatten(2), judged)),
         judged_label=succeeds.float(),

@@ -11,7 +11,7 @@ import torch
 
 from evg_app.errors import BadInput
 from evg_app.learning.labels import Kind
-from evg_app.learning.shards import CorruptShard, SceneSample, read_shard
+from evg_app.learning.shards import FROM_TRIAL, CorruptShard, SceneSample, read_shard
 from evg_app.learning.tables import SceneTable, table_of
 
 log = logging.getLogger(__name__)
@@ -66,7 +66,7 @@ class SceneStore:
             log.warning("skipped (%d so far): %s", len(self.corrupt), error)
             return
         self._read.add(str(path))
-        usable = [s for s in scenes if _is_usable(s)]
+        usable = [s for s in scenes if is_usable(s, bool(meta["validation"]))]
         if usable:
             taken[bool(meta["validation"])].append(table_of(usable, self.device))
         self._names[bool(meta["validation"])].update(name for s in usable for name in s.objects)
@@ -96,9 +96,11 @@ class SceneStore:
         }
 
 
-def _is_usable(scene: SceneSample) -> bool:
-    """Whether it has positives and negatives of the rule."""
+def is_usable(scene: SceneSample, validation: bool) -> bool:
+    """Whether it has positives and negatives of the rule; one of them is enough to learn from a logged attempt."""
     own = scene.kind[~scene.proposed]
+    if scene.name.startswith(FROM_TRIAL) and not validation:
+        return len(own) > 0
     return bool(np.any(own == Kind.POSITIVE) and np.any(own != Kind.POSITIVE))
 
 

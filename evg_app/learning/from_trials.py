@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from evg_app.geometry import MAX_OPENING, VOXEL_SIZE, Array, invert
 from evg_app.learning.labels import Kind, WithContact
-from evg_app.learning.shards import SceneSample, quantise, write_shard
+from evg_app.learning.shards import FROM_TRIAL, SceneSample, quantise, write_shard
 from evg_app.learning.views import draw_views
 from evg_app.trials import schema
 from evg_app.trials.recorded import RecordedRun
@@ -46,7 +46,7 @@ def shards_from_trials(folders: Sequence[Path], out: Path) -> Collected:
     A success is a positive grasp, with the opening that was measured; a grasp that closed and did not hold a slip; a
     contact on the approach, and a candidate refused for gripper-scene collision, a collision. All other proposals keep
     weak negatives away: nobody knows whether they would have held. An operator's label goes before the automatic one.
-    Training itself leaves out scenes without a positive and a negative, so a failure alone teaches it nothing yet.
+    A failure is a scene without a positive: training learns from it, validation leaves it out.
 
     Raises:
         BadInput: a folder holds no readable log, or `out` cannot be written.
@@ -121,7 +121,7 @@ def _scene(name: str, stored: Any, kind: Kind, width: float) -> SceneSample:
         positives=np.concatenate([*near, stored["T_task_grasp"][unsure, :3, 3]]).astype(np.float16),
         points=points,
         occupied=occupied,
-        name=f"trial/{name}",
+        name=f"{FROM_TRIAL}{name}",
         objects=(),
     )
 

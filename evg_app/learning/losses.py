@@ -35,7 +35,9 @@ def losses_of(model: Network, batch: Batch, generator: torch.Generator) -> dict[
     }
     if isinstance(model, EquiGIGA):
         regressed = from_rows(model.regress_rotation(features, batch.positive))
-        return common | {"regressed": rotation_distance(regressed, batch.positive_rotation).mean()}
+        return common | {
+            "regressed": _mean(rotation_distance(regressed, batch.positive_rotation), batch.positive_counts)
+        }
     return common | {"score": _score(model, features, batch)} | _rotation(model, features, batch, generator)
 
 
@@ -51,6 +53,11 @@ def rotation_distance(a: Tensor, b: Tensor) -> Tensor:
     return torch.minimum(_half_sine(a, b), _half_sine(a, flip(b)))
 
 
+def _mean(values: Tensor, counts: Tensor) -> Tensor:
+    """Mean of values (B, P) over those that count (B, P); 0 when none does."""
+    return (values * counts).sum() / counts.sum().clamp(min=1.0)
+
+
 def _half_sine(a: Tensor, b: Tensor) -> Tensor:
     return (3.0 - (a * b).sum((-1, -2))) / 4.0
 
@@ -60,7 +67,7 @@ def _graspness(model: Network, features: Features, batch: Batch) -> Tensor:
     logit = model.graspness(features, torch.cat([batch.positive, batch.judged, batch.weak], 1))
     ones = torch.ones_like(batch.positive_width)
     label = torch.cat([ones, torch.zeros_like(logit[:, ones.shape[1] :])], 1)
-    counts = torch.cat([ones, batch.judged_counts, batch.weak_counts], 1)
+    counts = torch.cat([batch.positive_counts, batch.judged_counts, batch.weak_counts], 1)
     loss = F.binary_cross_entropy_with_logits(logit, label, reduction="none")
     return (loss * counts).sum() / counts.sum()
 
@@ -73,14 +80,15 @@ def _score(model: EquiIGD, features: Features, batch: Batch) -> Tensor:
     logit = model.grasp_scores(features, where, rotation)
     outputs = logit.shape[-1]
     label = torch.cat([good, batch.judged_label], 1)[..., :outputs]
-    weight = torch.cat([good, batch.judged_weight], 1)[..., :outputs]
+    counts = batch.positive_counts[..., None].expand_as(good)
+    weight = torch.cat([counts, batch.judged_weight], 1)[..., :outputs]
     return FOCAL_WEIGHT * outputs * focal(logit, label, weight)
 
 
 def _width(model: Network, features: Features, batch: Batch) -> Tensor:
     """Squared error of the opening on positives."""
     error = WIDTH_SCALE * (model.width(features, batch.positive) - batch.positive_width)
-    return WIDTH_WEIGHT * error.square().mean()
+    return WIDTH_WEIGHT * _mean(error.square(), batch.positive_counts)
 
 
 def _rotation(model: EquiIGD, features: Features, batch: Batch, generator: torch.Generator) -> dict[str, Tensor]:
@@ -91,8 +99,12 @@ def _rotation(model: EquiIGD, features: Features, batch: Batch, generator: torch
     t = torch.rand(batch.positive.shape[:2], generator=generator, device=device)
     target = nearest_target(noise, batch.positive_rotation)
     moving = t[..., None] * target + (1.0 - t[..., None]) * noise
-    flow = F.mse_loss(model.velocity(context, moving, t), target - noise)
+    miss = (model.velocity(context, moving, t) - (target - noise)).square().mean(-1)
+    flow = _mean(miss, batch.positive_counts)
     if not model.config.regressed_rotation:
         return {"flow": flow}
     regressed = from_rows(model.regress_from_context(context))
-    return {"flow": flow, "regressed": rotation_distance(regressed, batch.positive_rotation).mean()}
+    return {
+        "flow": flow,
+        "regressed": _mean(rotation_distance(regressed, batch.positive_rotation), batch.positive_counts),
+    }

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from evg_app.errors import BadInput
 
 VERSION = 2
+FROM_TRIAL = "trial/"
+"""How the names of scenes begin that come out of a trial log."""
 """Format version."""
 
 

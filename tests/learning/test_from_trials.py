@@ -27,6 +27,15 @@ from evg_app.trials.labels import add_label
 from evg_app.trials.store import TrialStore
 from evg_app.types import Frame, Grasps, Intrinsics, TsdfGrid, Verdict
 
+SMALL = {
+    "reg": [1, 2, 2],
+    "hidden": 2,
+    "blocks": 1,
+    "flow_reg": 1,
+    "flow_triv": 4,
+    "value_reg": 2,
+    "contact_score": True,
+}
 POSITION_ATOL = 1e-6
 """float32 positions [m]."""
 T_BASE_TASK = make(rotation_about("z", 0.3)[:3, :3], [0.4, -0.1, 0.02])
@@ -119,3 +128,24 @@ def test_training_takes_the_shards_in(run, tmp_path):
     shards_from_trials([run], tmp_path / "out")
     store = SceneStore((tmp_path / "out",))
     assert store.refresh() == 2 and not store.corrupt
+
+
+def test_a_failure_alone_teaches_and_what_it_lacks_is_not_made_up(run, tmp_path):
+    import torch
+
+    from evg_app.learning.batches import BatchSizes, draw
+    from evg_app.learning.dataset import SceneStore
+    from evg_app.learning.losses import losses_of
+    from evg_app.nets.registry import build
+
+    shards_from_trials([run], tmp_path / "out")
+    store = SceneStore((tmp_path / "out",))
+    store.refresh()
+    assert store.train is not None and store.train.scenes == 3, "success, slip and contact"
+    lost = [i for i in range(3) if not bool((store.train.kind[i] == int(Kind.POSITIVE)).any())]
+    sizes = BatchSizes(8, 4, 4, 4, 8, 32)
+    scene, still = torch.tensor(lost[:1]), torch.zeros(1, dtype=torch.bool)
+    batch = draw(store.train, sizes, scene, torch.zeros(1, dtype=torch.long), still, torch.Generator().manual_seed(0))
+    assert len(lost) == 2 and not batch.positive_counts.any() and batch.judged_weight.any()
+    losses = losses_of(build("equiigd", SMALL), batch, torch.Generator().manual_seed(0))
+    assert losses["width"] == 0 and losses["flow"] == 0 and losses["score"] > 0 and torch.isfinite(losses["graspness"])
