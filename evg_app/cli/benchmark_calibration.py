@@ -40,6 +40,7 @@ def run(args: argparse.Namespace) -> int:
         from evg_app.benchmark.calibration.units import Study
 
     def progress(row: "SessionRow", done: int, wanted: int) -> None:
+        """One line for each finished session."""
         f = row.facts
         true, bound = ("-" if f[key] is None else f"{f[key]:.2f} mm" for key in ("true_mm", "bound_mm"))
         causes = ", ".join(f["causes"]) or "nothing found"
@@ -53,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _report(facts: dict[str, Any]) -> None:
+    """The summary as text."""
     for mode, found in facts["good"].items():
         below = found["true_below_bound"]
         say(f"{mode}: {found['sessions']} sessions, verdicts {found['verdicts']}")

@@ -194,6 +194,7 @@ def _solve(args: argparse.Namespace) -> int:
 
 
 def _report(facts: dict[str, Any], folder: Path) -> None:
+    """The result as text."""
     say(f"{facts['verdict'].upper()}  {facts['mode']}, {facts['samples']} of {facts['taken']} samples used")
     if facts["heldout_mm"] is not None:
         say(f"held-out error {facts['heldout_mm']:.2f} mm, {facts['heldout_deg']:.3f} deg (samples not fitted)")

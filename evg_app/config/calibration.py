@@ -122,6 +122,7 @@ class Calibration(Model):
 
     @model_validator(mode="after")
     def _has_zone(self) -> Self:
+        """A date without a zone could be half a day off."""
         if self.created_utc.tzinfo is None:
             raise ValueError("created_utc needs a time zone, for example 2026-01-31T12:00:00Z")
         return self

@@ -57,6 +57,7 @@ class BoardModel(Model):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        """Markers must fit into squares, and the dictionary must have enough of them."""
         if self.kind == "charuco" and self.marker_m >= self.square_m:
             raise ValueError(f"marker_m {self.marker_m} must be smaller than square_m {self.square_m}")
         if self.kind == "charuco" and self.columns * self.rows > 100:

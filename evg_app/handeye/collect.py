@@ -162,6 +162,7 @@ def collect(bench: Bench, count: int, seed: int) -> Session:
 def _next_stops(
     bench: Bench, reach: Reach, samples: "list[Sample]", near: Array, count: int, seed: int
 ) -> "Iterator[Stop]":
+    """The views that add most to the samples so far; none when those cannot be solved."""
     session = bench.session(samples)
     views = views_of(session, session.usable())
     fit, _, _ = fit_without_outliers(views)

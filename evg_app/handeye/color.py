@@ -13,6 +13,7 @@ class ColorPictures:
     """A `Camera` whose frames are raw colour pictures without depth. Entered and left with the camera it wraps."""
 
     def __init__(self, camera: ColorCamera) -> None:
+        """Wrap a camera that is not entered yet."""
         self._camera = camera
         self._intrinsics: Intrinsics | None = None
 
@@ -29,12 +30,14 @@ class ColorPictures:
         return self._camera.frame_id
 
     def __enter__(self) -> Self:
+        """Enter the camera."""
         self._camera.__enter__()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Leave the camera."""
         self._camera.__exit__(kind, error, trace)
 
     def capture(self, *, after: float, timeout: float) -> Frame:

@@ -75,6 +75,7 @@ def detect(board: Board, gray: Gray, intrinsics: Intrinsics) -> Detection:
 
 
 def _problem(board: Board, T_cam_board: Array, fit: float, width: float) -> str:
+    """Why the picture must not be used, or an empty string."""
     if width > MAX_EDGE_WIDTH:
         return "blurred"
     sight = transform_points(T_cam_board, board.center)
@@ -88,6 +89,7 @@ def _problem(board: Board, T_cam_board: Array, fit: float, width: float) -> str:
 
 @lru_cache(maxsize=8)
 def _detector(kind: str, pattern: Any) -> Any:
+    """OpenCV's detector of one pattern, made once."""
     cv2 = opencv()
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -186,6 +188,7 @@ def _width_anywhere(gray: Gray) -> float:
 
 
 def _patch_width(patch: NDArray[np.float32], least: float) -> float | None:
+    """Edge width of one patch [px], None where it spans less than `least` grey levels."""
     if min(patch.shape) < 8:
         return None
     low, high = np.percentile(patch, (5, 95))

@@ -32,6 +32,7 @@ class LivePage:
     """
 
     def __init__(self, folder: Path, port: int) -> None:
+        """Take the port; nothing is served before it is entered."""
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, folder / NAME))
         except OSError as error:
@@ -41,12 +42,14 @@ class LivePage:
         self._thread = Thread(target=self._server.serve_forever, args=(0.1,), name="live page", daemon=True)
 
     def __enter__(self) -> Self:
+        """Begin to serve."""
         self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Serve no more."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
@@ -56,6 +59,7 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers with the page or the picture."""
 
     def __init__(self, picture: Path, *args: object) -> None:
+        """Answer one request."""
         self._picture = picture
         super().__init__(*args)  # type: ignore[arg-type]
 

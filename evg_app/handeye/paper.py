@@ -38,6 +38,7 @@ def write_pdf(board: Board, path: Path, paper: str = "a4") -> None:
 
 
 def _pattern(left: float, bottom: float, width: float, height: float) -> str:
+    """Draws the picture at a place and size in millimetres."""
     numbers = " ".join(f"{v * _POINT:.4f}" for v in (width, height, left, bottom))
     w, h, x, y = numbers.split()
     return f"q {w} 0 0 {h} {x} {y} cm /Im Do Q"
@@ -56,6 +57,7 @@ def _ruler(left: float) -> str:
 
 
 def _text(board: Board, page_w: float) -> str:
+    """What the board is, and how to print it."""
     m = board.model
     note = f"{m.name}: {m.kind}, {m.columns} x {m.rows}, {1000 * m.square_m:g} / {1000 * m.marker_m:g} mm."
     advice = (
@@ -65,6 +67,7 @@ def _text(board: Board, page_w: float) -> str:
 
 
 def _words(x_mm: float, y_mm: float, text: str, size: int) -> str:
+    """One line of text at a place in millimetres."""
     safe = text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
     return f"BT /F {size} Tf {x_mm * _POINT:.3f} {y_mm * _POINT:.3f} Td ({safe}) Tj ET"
 

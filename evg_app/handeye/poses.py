@@ -95,6 +95,7 @@ class Reach:
 
 
 def _in_hand(name: str) -> bool:
+    """Whether a link moves with the hand, so that a board in it cannot come nearer."""
     return any(word in name for word in ("hand", "finger", "link7", "link8"))
 
 
@@ -157,6 +158,7 @@ def plan_stops(
 
 
 def _stop(reach: Reach, board: Board, mode: Mode, fit: Fit, hand: Array, near: Array) -> Stop | None:
+    """The stop of a hand pose when it can be reached with board or camera clear of everything; else None."""
     q = reach.configuration(hand, near)
     if q is None:
         return None
@@ -169,6 +171,7 @@ def _stop(reach: Reach, board: Board, mode: Mode, fit: Fit, hand: Array, near: A
 
 
 def _taken(views: Views, fit: Fit) -> Array:
+    """Information of views on the unknowns. Shape (16, 16)."""
     J = jacobian(through(views, fit.lens), fit.X, fit.Z, fit.scale, np.zeros(3), np.zeros(3))
     return np.asarray(np.einsum("mkp,mkq->pq", J, J))
 

@@ -37,6 +37,7 @@ def write_report(session: Session, solution: Solution | Unsolved, path: Path) ->
 
 
 def _findings(solution: Solution | Unsolved) -> str:
+    """What was noticed, as a list."""
     if not solution.findings:
         return "<p>Nothing suspicious was found.</p>"
     rows = (f"<li><b>{f.severity}, {f.cause}</b>: {html.escape(f.text)}</li>" for f in solution.findings)
@@ -44,12 +45,14 @@ def _findings(solution: Solution | Unsolved) -> str:
 
 
 def _table(head: list[str], rows: list[list[str]]) -> str:
+    """A table from its head and rows."""
     top = "".join(f"<th>{h}</th>" for h in head)
     body = "".join(f"<tr>{''.join(f'<td>{c}</td>' for c in row)}</tr>" for row in rows)
     return f"<table><tr>{top}</tr>{body}</table>"
 
 
 def _numbers(session: Session, solution: Solution) -> str:
+    """Errors, confidence, and the camera's pose."""
     fit, sure, held = solution.fit, solution.uncertainty, solution.heldout
     std, off = sure.stds(), solution.lens
     gates = f"good up to {GO_MM:g} mm and {GO_DEG:g} deg, with a warning up to {WARN_MM:g} mm"
@@ -79,6 +82,7 @@ def _numbers(session: Session, solution: Solution) -> str:
 
 
 def _table_rows(solution: Solution) -> list[list[str]]:
+    """What depth says about the table."""
     seen = solution.table
     if seen is None:
         return [["table seen by depth", "too little of it", ""]]
@@ -89,11 +93,13 @@ def _table_rows(solution: Solution) -> list[list[str]]:
 
 
 def _solvers(solution: Solution) -> str:
+    """How far OpenCV's solvers are from the result."""
     rows = [[name, "failed" if d is None else f"{d:.2f}"] for name, d in solution.solver_mm.items()]
     return f"<h2>Closed-form solvers</h2>{_table(['solver', 'mm from the result, over the workspace'], rows)}"
 
 
 def _coverage(session: Session) -> str:
+    """All corners used, as dots in one picture."""
     K = session.intrinsics
     dots = "".join(
         f"<circle cx='{u:.0f}' cy='{v:.0f}' r=3 fill='#0969da' fill-opacity=.35 />"
@@ -105,6 +111,7 @@ def _coverage(session: Session) -> str:
 
 
 def _samples(session: Session, solution: Solution | Unsolved) -> str:
+    """Every sample with its residuals."""
     errors: dict[int, tuple[float, float, float]] = {}
     if isinstance(solution, Solution):
         px = solution.fit.sample_rms(solution.views)
@@ -123,12 +130,14 @@ def _samples(session: Session, solution: Solution | Unsolved) -> str:
 
 
 def _note(sample: Sample, solution: Solution | Unsolved) -> str:
+    """Why a sample was left out, or an empty string."""
     if isinstance(solution, Solution) and sample.number in solution.left_out:
         return "outlier"
     return sample.detection.problem
 
 
 def _pictures(session: Session, solution: Solution | Unsolved) -> str:
+    """Every picture with what was found in it."""
     figures = []
     for s in session.samples:
         if s.gray is not None:

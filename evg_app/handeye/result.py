@@ -57,6 +57,7 @@ def as_calibration(
 
 
 def _witness(session: Session, sample: Sample, k: int) -> Witness:
+    """One corner of a sample; `k` varies which."""
     row = (7 * k) % len(sample.detection.ids)
     x, y, z = (float(v) for v in session.board.points[sample.detection.ids[row]])
     u, v = (round(float(value), 3) for value in sample.detection.pixels[row])
@@ -81,6 +82,7 @@ def as_facts(session: Session, solution: Solution | Unsolved) -> dict[str, Any]:
 
 
 def _numbers(session: Session, solution: Solution) -> dict[str, Any]:
+    """What only a solution has."""
     std = solution.uncertainty.stds()
     return {
         "samples": len(solution.used),

@@ -210,10 +210,12 @@ def _causes(
 
 
 def _distance(found: tuple[Array, Array] | None, fit: Fit, cube: Array) -> float | None:
+    """Displacement over the cube [mm] of a solver's camera from the fit's, None where it failed."""
     return None if found is None else 1000 * displacement(fit.X, found[0], cube)
 
 
 def _gates(errors: Heldout, confidence: Uncertainty) -> list[Finding]:
+    """Held-out error and bound against what is allowed."""
     findings: list[Finding] = []
     mm, deg = errors.rms_mm, errors.rms_deg
     if mm > GO_MM or deg > GO_DEG:
@@ -231,5 +233,6 @@ def _gates(errors: Heldout, confidence: Uncertainty) -> list[Finding]:
 
 
 def _verdict(findings: list[Finding]) -> Verdict:
+    """The worst severity."""
     severities = {finding.severity for finding in findings}
     return "refuse" if "refuse" in severities else "warn" if "warn" in severities else "go"

@@ -126,6 +126,7 @@ def load_session(folder: Path, mode: Mode | None = None) -> Session:
 
 
 def _load_sample(path: Path, header: SessionHeader, board: Board) -> Sample:
+    """One stored sample; the board is detected anew."""
     try:
         facts: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         gray = np.asarray(Image.open(path.with_suffix(".png")).convert("L"), dtype=np.uint8)

@@ -58,5 +58,6 @@ def play(
 
 
 def _collect(pool: ProcessPoolExecutor, study: Study, missing: list[Unit]) -> Iterable[Any]:
+    """Sessions of the missing units, in their order, as the collectors finish them."""
     kinds, modes, seeds = zip(*missing, strict=True)
     return pool.map(collected, [study] * len(missing), kinds, modes, seeds)

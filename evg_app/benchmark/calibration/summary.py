@@ -38,6 +38,7 @@ def spread(values: Iterable[float | None]) -> dict[str, Any]:
 
 
 def _good(rows: list[SessionRow]) -> dict[str, Any]:
+    """What the good sessions of one mode say."""
     solved = [r for r in rows if r.facts["true_mm"] is not None]
     facts = [r.facts for r in solved]
     return {
@@ -56,6 +57,7 @@ def _good(rows: list[SessionRow]) -> dict[str, Any]:
 
 
 def _plain(rows: list[SessionRow], name: str) -> dict[str, Any]:
+    """What one plain solver made of the same sessions."""
     return {
         "failed": sum(r.plain_mm.get(name) is None for r in rows),
         "true_mm": spread(r.plain_mm.get(name) for r in rows),
@@ -64,6 +66,7 @@ def _plain(rows: list[SessionRow], name: str) -> dict[str, Any]:
 
 
 def _bad(rows: list[SessionRow]) -> dict[str, Any]:
+    """What was done with deliberately bad sessions."""
     true = [r.facts["true_mm"] for r in rows]
     passed = [r for r in rows if not r.harmless]
     return {

@@ -89,6 +89,7 @@ class BoardPainter:
         return project(self.intrinsics, p)
 
     def _plate_corners(self) -> Array:
+        """Corners of the plate, its paper border included [m]. Shape (4, 3)."""
         sign = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
         return np.asarray((self.board.outline + PAPER_BORDER * sign) * self.print_scale)
 
@@ -116,6 +117,7 @@ class BoardPainter:
         return (top, bottom, left, right) if bottom - top > 4 and right - left > 4 else None
 
     def _plate(self, behind: Image, T_cam_board: Array, exposure: Exposure, crop: tuple[int, int, int, int]) -> Image:
+        """The crop with the plate in front of what is behind it."""
         cv2, s = opencv(), SUPERSAMPLING
         x, y = self._fine_rays(*crop)
         (u, v), inside = self._texels(x, y, T_cam_board)
@@ -194,6 +196,7 @@ def _background(rng: np.random.Generator, height: int, width: int) -> Image:
 
 
 def _blurred(fine: Image, exposure: Exposure, s: int) -> Image:
+    """Defocus and motion blur of a picture with `s` sub-pixels per pixel."""
     cv2 = opencv()
     if exposure.defocus > 0:
         fine = cv2.GaussianBlur(fine, (0, 0), exposure.defocus * s)

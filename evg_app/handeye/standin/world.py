@@ -87,6 +87,7 @@ def draw_truth(mode: Mode, seed: int, reach: Reach, board: Board, nominal: Intri
 
 
 def _lens(rng: np.random.Generator) -> tuple[float, ...]:
+    """Random distortion k1, k2, p1, p2, k3."""
     k1, k2 = rng.uniform(-0.10, 0.10), rng.uniform(-0.05, 0.05)
     return (float(k1), float(k2), float(rng.normal(0, 5e-4)), float(rng.normal(0, 5e-4)), 0.0)
 
