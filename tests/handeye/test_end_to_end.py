@@ -3,16 +3,23 @@
 import json
 import shutil
 
+import numpy as np
 import pytest
 
 from evg_app.benchmark.calibration.units import Study, collected, judge, solved
 from evg_app.cli.main import main
 from evg_app.config.calibration import Calibration
-from evg_app.config.files import read
+from evg_app.config.files import load_robot, read
+from evg_app.handeye import diagnose
+from evg_app.handeye.sample import views_of
+from evg_app.handeye.store import load_session
+from evg_app.motion.feasibility import MotionPlanner
+from evg_app.motion.scene import empty_scene
 
 TRUE_MM, TRUE_DEG = 3.0, 0.5
 SAMPLES = "14"
 VERIFY_S, LEAST_FRESH = 120, 7
+SHOWN = 0.8
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +55,26 @@ def test_the_run_folder_holds_result_report_and_samples(calibrated):
 
 
 @pytest.mark.slow
+def test_every_stop_is_free_of_collisions_shows_the_board_and_they_turn_about_all_axes(calibrated):
+    planner = MotionPlanner(load_robot("panda"))
+    session = load_session(calibrated[0])
+    stops = np.stack([sample.q for sample in session.samples])
+    assert not planner.checker.hits_scene(stops, empty_scene(planner.robot)).any()
+    assert not any(planner.checker.self_collision.collides(q) for q in stops)
+    assert len(session.usable()) >= SHOWN * len(stops)
+    assert diagnose.rotations(views_of(session, session.usable()), session.mode) == []
+
+
+@pytest.mark.slow
 def test_stored_samples_solved_as_the_other_mode_are_refused_by_name(calibrated, tmp_path, capsys):
     folder, target = tmp_path / "copy", tmp_path / "again.json"
     shutil.copytree(calibrated[0], folder)
     assert main(["calibrate", "--from", str(folder), "--mode", "eye-in-hand", "--json", str(target)]) == 3
     facts = json.loads(target.read_text())
     assert "swapped-mode" in facts["causes"] and "--mode eye-to-hand" in " ".join(facts["reasons"])
+    assert main(["calibrate", "--from", str(folder), "--mode", "eye-in-hand", "--force"]) == 0
+    kept = read(folder / "result.yaml", Calibration)
+    assert kept.forced and kept.verdict == "refuse" and kept.reasons
 
 
 @pytest.mark.slow

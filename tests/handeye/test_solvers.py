@@ -89,3 +89,9 @@ def test_the_swapped_mode_does_not_fit(synthetic):
     other = views.swapped()
     wrong = min(np.median(refine(other, s, FREE_SCALE).sample_rms(other)) for s in best_starts(other, 1))
     assert wrong > 5
+
+
+def test_solvers_that_disagree_are_a_warning():
+    assert diagnose.solver_spread({"tsai": 2.0, "park": 3.0, "li": None}) == []
+    (finding,) = diagnose.solver_spread({"tsai": 40.0, "park": 30.0, "li": None})
+    assert (finding.cause, finding.severity) == ("solvers-disagree", "warn")
