@@ -17,6 +17,7 @@ from evg_app.geometry import Array, invert, to_quaternion
 from evg_app.perception.projection import points_in
 from evg_app.trials import schema
 from evg_app.trials.arrays import frame_of
+from evg_app.trials.foxglove import SCHEMAS
 from evg_app.trials.recorded import RecordedAttempt, RecordedRun
 
 TOPICS = {
@@ -27,7 +28,7 @@ TOPICS = {
     "/grasp": "foxglove.PosesInFrame",
     "/log": "foxglove.Log",
 }
-"""Topics and their schemas; fields are checked by Foxglove, so the schemas here only name the type."""
+"""Topics and their schemas."""
 STRIDE = 2
 """Every STRIDE-th row and column becomes a point."""
 Message = tuple[str, dict[str, Any]]
@@ -61,7 +62,7 @@ def export_mcap(folder: Path, target: Path) -> int:
 
 
 def _channel(writer: Any, topic: str, name: str) -> int:
-    data = json.dumps({"type": "object", "title": name}).encode("utf-8")
+    data = json.dumps(SCHEMAS[name]).encode("utf-8")
     schema_id = writer.register_schema(name, "jsonschema", data)
     return int(writer.register_channel(topic, "json", schema_id))
 

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from jsonschema import validate
 from mcap.reader import make_reader
 from picking_fakes import Lab
 
@@ -15,6 +16,7 @@ from evg_app.errors import BadInput
 from evg_app.trials import arrays
 from evg_app.trials.export import export_csv
 from evg_app.trials.export_mcap import TOPICS, export_mcap
+from evg_app.trials.foxglove import SCHEMAS
 from evg_app.trials.keep import POLICIES, prune, sizes
 from evg_app.trials.labels import add_label
 from evg_app.trials.recorded import RecordedRun
@@ -73,6 +75,8 @@ def test_mcap_holds_depth_frames_grasps_and_events_in_order(run, tmp_path):
         reader = make_reader(stream)
         for schema, channel, message in reader.iter_messages(log_time_order=False):
             assert schema.name == TOPICS[channel.topic] and channel.message_encoding == "json"
+            assert schema.encoding == "jsonschema" and json.loads(schema.data) == SCHEMAS[schema.name]
+            validate(json.loads(message.data), SCHEMAS[schema.name])
             by_topic[channel.topic].append(json.loads(message.data))
             stamps.append(message.log_time)
     assert len(stamps) == count and stamps == sorted(stamps)
