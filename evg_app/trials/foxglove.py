@@ -25,7 +25,7 @@ POSE = _object("foxglove.Pose", position=VECTOR, orientation=QUATERNION)
 FIELD = _object("foxglove.PackedElementField", name=TEXT, offset=COUNT, type=COUNT | {"maximum": 8})
 
 SCHEMAS: dict[str, Schema] = {
-    schema["title"]: schema
+    str(schema["title"]): schema
     for schema in (
         _object(
             "foxglove.RawImage",
