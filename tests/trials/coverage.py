@@ -14,7 +14,7 @@ from evg_app.trials import rounds as rounds_
 from evg_app.trials.sequential import attempts_differ
 from evg_app.trials.statistics import wilson
 
-RUNS = 2000
+RUNS = 500
 Draw = Callable[[np.random.Generator, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Plays rounds of given success rates; successes and attempts of each."""
 

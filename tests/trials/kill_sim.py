@@ -24,8 +24,8 @@ from evg_app.picking.run import run_rounds
 from evg_app.trials.film import Film
 from evg_app.trials.recorder import Recorder
 
-EVENTS = 110
-"""The latest kill comes after so many events: two attempts and more."""
+EVENTS = 64
+"""The latest kill comes after so many events: more than one attempt."""
 LATER_S = 0.1
 """And up to so long after one [s]."""
 
