@@ -47,6 +47,7 @@ class Progress:
 
     @staticmethod
     def _judged(event: Judged) -> str:
+        """Which candidate was chosen, and why others were not."""
         reasons = Counter(v for v in event.verdicts if v not in (Verdict.ACCEPTED, Verdict.NOT_EXAMINED))
         rejected = ", ".join(f"{reason} {n}" for reason, n in reasons.most_common())
         chosen = "none feasible" if event.chosen is None else f"number {event.chosen + 1} chosen"

@@ -98,6 +98,7 @@ def _measured_widths(folder: Path) -> dict[str, float]:
 
 
 def _scene(name: str, stored: Any, kind: Kind, width: float) -> SceneSample:
+    """An attempt as a scene: the executed grasp first, then the refused candidates."""
     executed = invert(stored["T_base_task"]) @ stored["T_base_grasp"]
     refused = np.flatnonzero(stored["verdict"] == str(Verdict.GRIPPER_COLLISION))[:MOST_COLLISIONS]
     T = np.concatenate([executed[None], stored["T_task_grasp"][refused]])

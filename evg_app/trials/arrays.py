@@ -58,6 +58,7 @@ class Gathered:
         return {**self._seen(), **_further(self.views), **self._proposed(), **self._moved(), **_ways(self.routes)}
 
     def _seen(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The frame, its optics and poses, and what was fused."""
         out: dict[str, np.ndarray[Any, Any]] = {}
         if self.frame is not None:
             frame, i = self.frame.frame, self.frame.frame.intrinsics
@@ -78,6 +79,7 @@ class Gathered:
         return out | ({} if self.fused is None else _fused(self.fused))
 
     def _proposed(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The candidates and their verdicts."""
         verdicts = [] if self.judged is None else [str(verdict.value) for verdict in self.judged.verdicts]
         return {
             "reached": np.array(self.reached(), dtype="U8"),
@@ -88,6 +90,7 @@ class Gathered:
         }
 
     def _moved(self) -> dict[str, np.ndarray[Any, Any]]:
+        """The chosen grasp and its motions."""
         if self.judged is None or self.judged.chosen is None or self.judged.T_base_grasp is None:
             return {"chosen": np.array(-1)}
         out = {
@@ -101,6 +104,7 @@ class Gathered:
 
 
 def _fused(fused: Fused) -> dict[str, np.ndarray[Any, Any]]:
+    """Grid, mask and collision volume."""
     out = {
         "tsdf": fused.grid.values,
         "observed": fused.grid.observed,
@@ -202,6 +206,7 @@ def frame_of(stored: Mapping[str, np.ndarray[Any, Any]]) -> FrameTaken:
 
 
 def _trajectory(name: str, path: Trajectory) -> dict[str, np.ndarray[Any, Any]]:
+    """The samples of a motion, under its name."""
     return {
         f"{name}.q": path.q,
         f"{name}.dq": path.dq,

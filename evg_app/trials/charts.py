@@ -16,22 +16,26 @@ MOST_POINTS = 400
 
 
 def _svg(height: float, parts: Sequence[str], title: str) -> str:
+    """A picture of this size, with a name for those who cannot see it."""
     head = f'<svg viewBox="0 0 {WIDTH} {height:.0f}" role="img" aria-label="{escape(title, quote=True)}">'
     return f"{head}{''.join(parts)}</svg>"
 
 
 def _text(x: float, y: float, words: str, anchor: str = "start", size: int = 12) -> str:
+    """A word at a place."""
     return (
         f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}" fill="{INK}">{escape(words)}</text>'
     )
 
 
 def _line(x1: float, y1: float, x2: float, y2: float, colour: str = INK, width: float = 1.0) -> str:
+    """A line between two places."""
     ends = f'x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"'
     return f'<line {ends} stroke="{colour}" stroke-width="{width}"/>'
 
 
 def _percent_axis(top: float, bottom: float, left: float, right: float) -> list[str]:
+    """A scale from 0 to 100 % with its grid."""
     parts = []
     for percent in range(0, 101, 20):
         x = left + (right - left) * percent / 100
@@ -73,6 +77,7 @@ def running_rate(outcomes: Sequence[bool], title: str) -> str:
         ends = [wilson(sums[m - 1], m) for m in steps]
 
         def points(values: Sequence[float]) -> list[str]:
+            """Corners of a line."""
             return [f"{x:.1f},{bottom - (bottom - top) * v:.1f}" for x, v in zip(xs, values, strict=True)]
 
         band = points([low for low, _ in ends]) + points([high for _, high in ends])[::-1]
@@ -128,4 +133,5 @@ def reason_bars(tree: Mapping[str, Mapping[str, object]], title: str) -> str:
 
 
 def _short(words: str, most: int = 36) -> str:
+    """A text that fits beside a bar."""
     return words if len(words) <= most else words[: most - 1] + "…"

@@ -102,6 +102,7 @@ def _difference(s: NDArray[np.float64], n: NDArray[np.float64], first: int) -> N
 
 
 def _p(differences: NDArray[np.float64], seen: float) -> float:
+    """Share of relabellings at least as far apart as what was seen, which counts as one of them."""
     return float((1 + (abs(differences) >= seen - 1e-12).sum()) / (1 + len(differences)))
 
 

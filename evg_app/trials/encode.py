@@ -39,6 +39,7 @@ def _plain(value: Any) -> Any:
 
 
 def _scalar(value: Any) -> Any:
+    """A number that JSON knows; what is not finite becomes a word."""
     if isinstance(value, (np.bool_, np.integer)):
         return value.item()
     if isinstance(value, (float, np.floating)):

@@ -45,10 +45,12 @@ def export_csv(folder: Path, target: Path) -> list[Path]:
 
 
 def _write(path: Path, cursor: sqlite3.Cursor) -> Path:
+    """What a query found, with its column names."""
     return _csv(path, [tuple(column[0] for column in cursor.description), *map(tuple, cursor)])
 
 
 def _csv(path: Path, lines: list[tuple[object, ...]]) -> Path:
+    """Rows as a CSV file, whole or not at all."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(lines)
     write_atomically(path, text.getvalue().encode("utf-8"))

@@ -62,6 +62,7 @@ def export_mcap(folder: Path, target: Path) -> int:
 
 
 def _channel(writer: Any, topic: str, name: str) -> int:
+    """Register a topic and its schema; its number."""
     data = json.dumps(SCHEMAS[name]).encode("utf-8")
     schema_id = writer.register_schema(name, "jsonschema", data)
     return int(writer.register_channel(topic, "json", schema_id))
@@ -86,6 +87,7 @@ def _messages(recorded: RecordedRun) -> Iterator[tuple[int, Message]]:
 
 
 def _arrays(attempt: RecordedAttempt, stamp_ns: int) -> Iterator[Message]:
+    """What an attempt saw and chose."""
     if "frame" not in attempt.reached:
         return
     taken, stamp = frame_of(attempt.stored), _time(stamp_ns)
@@ -114,6 +116,7 @@ def _arrays(attempt: RecordedAttempt, stamp_ns: int) -> Iterator[Message]:
 
 
 def _cloud(stamp: Mapping[str, int], points: Array) -> dict[str, Any]:
+    """Points (N, 3) [m] as a message."""
     fields = [{"name": name, "offset": 4 * i, "type": 7} for i, name in enumerate("xyz")]
     return {
         "timestamp": stamp,
@@ -126,25 +129,30 @@ def _cloud(stamp: Mapping[str, int], points: Array) -> dict[str, Any]:
 
 
 def _log(stamp_ns: int, data: Mapping[str, Any]) -> dict[str, Any]:
+    """A warning as a message."""
     text = f"{data.get('cause', '')}: {data.get('text', '')}"
     return {"timestamp": _time(stamp_ns), "level": 3, "message": text, "name": "evg-app", "file": "", "line": 0}
 
 
 def _transform(stamp: Mapping[str, int], parent: str, child: str, T: Array) -> dict[str, Any]:
+    """A pose (4, 4) as a frame of the parent."""
     pose = _pose(T)
     names = {"timestamp": stamp, "parent_frame_id": parent, "child_frame_id": child}
     return {**names, "translation": pose["position"], "rotation": pose["orientation"]}
 
 
 def _pose(T: Array) -> dict[str, dict[str, float]]:
+    """A pose (4, 4) in Foxglove's words."""
     x, y, z, w = to_quaternion(T).tolist()
     px, py, pz = T[:3, 3].tolist()
     return {"position": {"x": px, "y": py, "z": pz}, "orientation": {"x": x, "y": y, "z": z, "w": w}}
 
 
 def _time(stamp_ns: int) -> dict[str, int]:
+    """A time stamp in seconds and nanoseconds."""
     return {"sec": stamp_ns // 10**9, "nsec": stamp_ns % 10**9}
 
 
 def _base64(array: np.ndarray[Any, Any]) -> str:
+    """The bytes of an array as text."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")

@@ -68,6 +68,7 @@ class Film:
         return 0
 
     def _encode(self, frames: list[Image.Image], shown_ms: int) -> bytes:
+        """The frames as the bytes of a GIF."""
         palette = _palette(frames, self._colors)
         small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
         buffer = io.BytesIO()

@@ -66,22 +66,26 @@ def page(rows: LogRows) -> str:
 
 
 def _section(title: str, content: str) -> str:
+    """A titled part; without content it says so."""
     return f"<section><h2>{escape(title)}</h2>{content or '<p class=note>nothing recorded</p>'}</section>"
 
 
 def _table(rows: Iterable[tuple[str, Any]], numbers: bool = False) -> str:
+    """Two columns."""
     kind = ' class="n"' if numbers else ""
     cells = "".join(f"<tr><th>{escape(str(a))}</th><td{kind}>{escape(str(b))}</td></tr>" for a, b in rows)
     return f"<table>{cells}</table>"
 
 
 def _head(facts: Mapping[str, Any]) -> str:
+    """What was run, when, and how it ended."""
     protocol = f", protocol {escape(facts['protocol'])}" if facts["protocol"] else ""
     text = f"{escape(facts['model'])}{protocol}, {escape(facts['started_at'][:16].replace('T', ' '))} UTC"
     return f"<h1>{escape(Path(facts['run_dir']).name)}</h1><p>{text}, {escape(facts['status'])}</p>"
 
 
 def _result(facts: Mapping[str, Any], rows: LogRows) -> str:
+    """The rates with their intervals, as numbers and as pictures."""
     dr = "unknown" if facts["objects"] is None else rate(facts["removed"], facts["objects"])
     cards = [
         ("GSR: grasps that ended in the bin", rate(facts["successes"], facts["attempts"])),
@@ -111,6 +115,7 @@ def _result(facts: Mapping[str, Any], rows: LogRows) -> str:
 
 
 def _rounds(rows: LogRows) -> str:
+    """A row of dots for each round."""
     names = []
     for (_, seed, index), passes in list(rows.by_round.items())[:MOST_ROUNDS]:
         names.append((f"seed {seed}, round {index}", [rows.success(p) for p in passes if p["counts"]]))
@@ -132,6 +137,7 @@ def _scores(rows: LogRows) -> str:
 
 
 def _sensing(facts: Mapping[str, Any]) -> str:
+    """Verify against the truth, and the operator against both."""
     c = facts["confusion"]
     out = ""
     if sum(c.values()):
@@ -154,6 +160,7 @@ def _sensing(facts: Mapping[str, Any]) -> str:
 
 
 def _times(facts: Mapping[str, Any]) -> str:
+    """Wall time by stage."""
     stages = {**facts["stage_ms"], "compute (image to trajectory)": facts["compute_ms"]}
     named = [
         (name, times["median"], f"{times['median']:.0f} ms (p95 {times['p95']:.0f})")
@@ -167,16 +174,19 @@ def _times(facts: Mapping[str, Any]) -> str:
 
 
 def _best(rows: LogRows) -> list[sqlite3.Row]:
+    """Successes with the highest score."""
     done = [row for row in rows.passes if row["counts"] and rows.success(row)]
     return sorted(done, key=lambda row: -(row["score"] or 0.0))[:PICTURES]
 
 
 def _worst(rows: LogRows) -> list[sqlite3.Row]:
+    """Failures with the highest score."""
     failed = [row for row in rows.passes if row["counts"] and not rows.success(row)]
     return sorted(failed, key=lambda row: -(row["score"] or 0.0))[:PICTURES]
 
 
 def _pictures(rows: LogRows, chosen: Sequence[sqlite3.Row]) -> str:
+    """Pictures of these attempts, inside the file."""
     figures = []
     for row in chosen:
         path = rows.folder / ATTEMPTS / f"{row['attempt_id']}.png"
@@ -198,6 +208,7 @@ def _devices(devices: Mapping[str, Mapping[str, str]]) -> str:
 
 
 def _origin(facts: Mapping[str, Any], config: Mapping[str, Any], provenance: Mapping[str, Any]) -> str:
+    """Hashes, versions, and the whole configuration."""
     calibration = config.get("calibration")
     hashes = [
         ("weights sha256", facts["weights_sha256"] or "no weights"),

@@ -97,12 +97,14 @@ def _dots(pen: Any, gathered: Gathered, T_cam_task: Array, intrinsics: Intrinsic
 
 
 def _shade(verdict: Verdict, score: float) -> RGB:
+    """Colour of a candidate: by verdict, brighter with its score."""
     base = {Verdict.ACCEPTED: ACCEPTED, Verdict.NOT_EXAMINED: WAITING}.get(verdict, REFUSED)
     light = 0.45 + 0.55 * min(max(score, 0.0), 1.0)
     return int(base[0] * light), int(base[1] * light), int(base[2] * light)
 
 
 def _gripper(pen: Any, T_cam_grasp: Array, width: float, intrinsics: Intrinsics) -> None:
+    """Draw the chosen grasp."""
     for line in gripper_lines(width):
         pixels = project(transform_points(T_cam_grasp, line), intrinsics)
         if np.isfinite(pixels).all():

@@ -29,6 +29,7 @@ def git_commit(folder: Path | None = None) -> str:
 
 
 def _git(folder: Path, *words: str) -> str:
+    """What a git command says; raises when it fails."""
     done = subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, timeout=10, check=True)
     return done.stdout.strip()
 
@@ -67,6 +68,7 @@ def _threads() -> dict[str, Any]:
 
 
 def _version(package: str) -> str:
+    """Version of a package, empty when it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:

@@ -100,6 +100,7 @@ def read_table(path: Path) -> list[Cell]:
 
 
 def _cell(path: Path, number: int, row: dict[str, str]) -> Cell:
+    """One cell of the table, checked."""
     try:
         objects = (row.get("objects") or "").strip()
         cell = Cell(

@@ -59,6 +59,7 @@ def reason(outcome: str, failure: str, verdicts: Mapping[str, int]) -> tuple[str
 
 
 def _branch_of(verdict: str) -> str:
+    """Where a refused candidate belongs."""
     return {str(v): branch for v, branch in _VERDICTS.items()}.get(verdict, "other")
 
 

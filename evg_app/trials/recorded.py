@@ -145,6 +145,7 @@ def _evidence(text: str) -> Evidence:
 
 
 def _session(row: sqlite3.Row) -> Session:
+    """A row of `runs`."""
     return Session(
         row["run_id"],
         row["model"],

@@ -76,6 +76,7 @@ class Recorder:
             raise LogError(str(self.folder), str(error)) from error
 
     def _picture(self, event: AttemptFinished) -> None:
+        """Draw the attempt and keep the picture."""
         caption = f"{self._label}: {event.outcome}{f' ({event.failure})' if event.failure else ''}"
         image = draw(self._gathered, caption)
         if image is not None:
@@ -84,5 +85,6 @@ class Recorder:
                 self.film.add(image)
 
     def _finish(self) -> None:
+        """Write film and summary."""
         self.film.save(self.folder / FILM_FILE)
         write_json(self.folder / SUMMARY_FILE, summary(self.folder))

@@ -140,6 +140,7 @@ def compare(attempt: RecordedAttempt, now: Stored) -> tuple[list[Difference], tu
 
 
 def _belongs(name: str, prefixes: tuple[str, ...]) -> bool:
+    """Whether an array is one of a stage."""
     return any(name.startswith(p) if p.endswith(("_", ".")) else name == p for p in prefixes)
 
 

@@ -13,6 +13,7 @@ def report(facts: Mapping[str, Any]) -> str:
 
 
 def _head(facts: Mapping[str, Any]) -> list[str]:
+    """Which run it was."""
     weights = facts["weights_sha256"][:12] or "none"
     seeds = facts["seed"]
     return [
@@ -22,6 +23,7 @@ def _head(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _results(facts: Mapping[str, Any]) -> list[str]:
+    """Rates, intervals, picks per hour."""
     cleared = rate(facts["removed"], facts["objects"]) if facts["objects"] is not None else "unknown (no object count)"
     lines = [
         f"GSR     {rate(facts['successes'], facts['attempts'])}   grasps that ended in the bin, of those executed",
@@ -45,6 +47,7 @@ def _results(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _operator(facts: Mapping[str, Any] | None) -> list[str]:
+    """How the operator agrees with the automatic label."""
     if facts is None:
         return []
     k, n = facts["gsr_automatic_counts"]
@@ -59,6 +62,7 @@ def _operator(facts: Mapping[str, Any] | None) -> list[str]:
 
 
 def _reasons(facts: Mapping[str, Any]) -> list[str]:
+    """Why rounds ended and passes failed."""
     table = facts["confusion"]
     return [
         f"rounds ended      {_counts(facts['stop_reasons'])}",
@@ -75,6 +79,7 @@ def _reasons(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _times(facts: Mapping[str, Any]) -> list[str]:
+    """Wall time by stage."""
     lines = [f"{'stage':<10}{'median ms':>11}{'p95 ms':>11}"]
     for name, times in {**facts["stage_ms"], "compute": facts["compute_ms"]}.items():
         if times["median"] is not None:
@@ -83,4 +88,5 @@ def _times(facts: Mapping[str, Any]) -> list[str]:
 
 
 def _counts(words: Mapping[str, int]) -> str:
+    """Words with their counts, in one line."""
     return ", ".join(f"{word} {n}" for word, n in words.items()) or "none"

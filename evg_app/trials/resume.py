@@ -50,6 +50,7 @@ def require_same(folder: Path, config: Mapping[str, Any], model: str, weights_sh
 
 
 def _changed(before: Any, now: Any) -> list[str]:
+    """Keys whose values differ; one empty key for a difference that has none."""
     if isinstance(before, dict) and isinstance(now, dict):
         return [key for key in sorted(set(before) | set(now)) if before.get(key) != now.get(key)]
     return [] if before == now else [""]

@@ -121,6 +121,7 @@ def open_existing(folder: Path) -> sqlite3.Connection:
 
 
 def _durable(path: Path) -> sqlite3.Connection:
+    """A connection whose commits reach the disk."""
     db = sqlite3.connect(path, isolation_level=None)
     db.execute("PRAGMA journal_mode = WAL")
     db.execute("PRAGMA synchronous = FULL")
@@ -128,6 +129,7 @@ def _durable(path: Path) -> sqlite3.Connection:
 
 
 def _migrated_copy(db: sqlite3.Connection) -> sqlite3.Connection:
+    """The database in memory, brought to this version."""
     copy = sqlite3.connect(":memory:", isolation_level=None)
     db.backup(copy)
     db.close()
@@ -144,6 +146,7 @@ def _connect(path: Path) -> tuple[sqlite3.Connection, int]:
 
 
 def _checked(db: sqlite3.Connection) -> tuple[sqlite3.Connection, int]:
+    """The connection with its schema version, once it could be read."""
     try:
         db.execute("PRAGMA query_only = ON")
         return db, int(db.execute("PRAGMA user_version").fetchone()[0])

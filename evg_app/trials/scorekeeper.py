@@ -67,6 +67,7 @@ class Scorekeeper:
             self._label(event.attempt_id, self._answer)
 
     def _ask_for_label(self) -> bool | None:
+        """The operator's word, asked until it is one."""
         if self._protocol.label == "never":
             return None
         while True:

@@ -76,6 +76,7 @@ def rate_sequence(k: int, n: int, level: float = 0.95) -> tuple[float, float]:
     limit = _log_beta(k + 0.5, n - k + 0.5) - _log_beta(0.5, 0.5) + np.log(1 - level)
 
     def inside(p: float) -> bool:
+        """Whether this rate is still in the interval."""
         own = (k * np.log(p) if k else 0.0) + ((n - k) * np.log1p(-p) if n - k else 0.0)
         return bool(own >= limit)
 
@@ -95,10 +96,12 @@ def _edge(inside: Callable[[float], bool], centre: float, end: float) -> float:
 
 
 def _log_likelihood(p: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of Bernoulli outcomes at these rates."""
     return np.asarray(y * np.log(p) + (1 - y) * np.log1p(-p))
 
 
 def _sequential(e: NDArray[np.float64]) -> Sequential:
+    """The course of an E-process: when it decided, and its p-value."""
     if not len(e):
         return Sequential((), 1.0, None)
     crossed = np.flatnonzero(e >= 20.0)

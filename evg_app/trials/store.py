@@ -101,6 +101,7 @@ class TrialStore:
             self._db.close()
 
     def _take(self, event: Event) -> None:
+        """Turn an event into rows and arrays, and commit where something ended."""
         if isinstance(event, DevicesConnected):
             self._facts["devices"] = {name: dict(told) for name, told in event.devices.items()}
         elif isinstance(event, RunStarted):
@@ -122,6 +123,7 @@ class TrialStore:
             self._commit()
 
     def _add(self, sql: str, values: Sequence[Any]) -> None:
+        """Keep a statement for the next commit."""
         self._rows.append((sql, values))
 
     def _commit(self) -> None:
@@ -140,6 +142,7 @@ class TrialStore:
             raise
 
     def _log(self, event: Event) -> None:
+        """Keep the event itself."""
         self._add(
             "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?)",
             (self.run_id, self._number, self._attempt or None, type(event).__name__, _now(), encode(event)),
@@ -147,6 +150,7 @@ class TrialStore:
         self._number += 1
 
     def _run_started(self, event: RunStarted) -> None:
+        """A row of `runs`, and run.json."""
         config = canonical(self._config)
         protocol = self._config.get("protocol")
         row = {
@@ -167,6 +171,7 @@ class TrialStore:
         arrays.write_json(self.folder / RUN_FILE, {"schema_version": schema.SCHEMA_VERSION, **readable})
 
     def _round_started(self, event: RoundStarted) -> None:
+        """A row of `rounds`; an earlier one of the same name no longer counts."""
         placement = None
         if self._placement is not None:
             placement = json.dumps(self._placement(event.seed, event.round_index))
@@ -177,6 +182,7 @@ class TrialStore:
         self._add(f"INSERT INTO rounds ({names}) VALUES (?, ?, ?, ?, ?)", row)
 
     def _attempt_started(self, event: AttemptStarted) -> None:
+        """A row of `attempts`."""
         self._attempt, self._gathered = event.attempt_id, arrays.Gathered()
         self._add(
             "INSERT INTO attempts (attempt_id, run_id, seed, round_index, attempt_index, planner_seed)"
@@ -185,6 +191,7 @@ class TrialStore:
         )
 
     def _attempt_finished(self, event: AttemptFinished) -> None:
+        """Write the arrays, then fill in the row."""
         name = f"{ATTEMPTS}/{event.attempt_id}.npz"
         digest = arrays.write(self.folder / name, self._gathered)
         judged, grasps = self._gathered.judged, self._gathered.grasps
@@ -214,6 +221,7 @@ class TrialStore:
         self._attempt, self._gathered = "", arrays.Gathered()
 
     def _ended(self, event: RoundFinished | RunFinished) -> None:
+        """How a round or the run ended."""
         if isinstance(event, RoundFinished):
             self._add(
                 "UPDATE rounds SET stop_reason = ?, detail = ? WHERE run_id = ? AND seed = ? AND round_index = ?",

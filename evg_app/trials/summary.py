@@ -51,6 +51,7 @@ def summarise(rows: LogRows) -> dict[str, Any]:
 
 
 def _rates(rows: LogRows) -> dict[str, Any]:
+    """GSR and DR with their intervals, and the counts they are made of."""
     gsr, dr = rows.gsr_counts, rows.dr_counts
     k, n = gsr.k, gsr.n
     likely = (k + 2) / (n + 4)  # Agresti and Coull's centre: few trials without a failure do not promise a rate of 1
@@ -84,10 +85,12 @@ def _no_feasible(rows: LogRows) -> dict[str, Any]:
 
 
 def _listed(interval: tuple[float, float] | None) -> list[float] | None:
+    """An interval as JSON."""
     return None if interval is None else list(interval)
 
 
 def _times(rows: LogRows) -> dict[str, Any]:
+    """Motion and computing, by stage."""
     motion_s = sum(row["motion_s"] for row in rows.passes)
     compute_s = sum(row["compute_ms"] for row in rows.passes) / 1e3
     ready = {row["attempt_id"]: 0.0 for row in rows.passes if row["chosen"] is not None}
@@ -132,6 +135,7 @@ def _judged(rows: LogRows) -> list[sqlite3.Row]:
 
 
 def _rounds(rows: LogRows) -> list[dict[str, Any]]:
+    """One row for each round."""
     passes = rows.by_round
     return [
         {
@@ -148,6 +152,7 @@ def _rounds(rows: LogRows) -> list[dict[str, Any]]:
 
 
 def _origin(rows: LogRows) -> dict[str, Any]:
+    """What was run: model, hashes, session, seeds."""
     first, last = rows.runs[0], rows.runs[-1]
     facts, seeds = json.loads(first["provenance"]), json.loads(first["seeds"])
     return {

@@ -25,11 +25,13 @@ def compare(a: LogRows, b: LogRows) -> dict[str, Any]:
 
 
 def _who(rows: LogRows) -> dict[str, Any]:
+    """Which run it is."""
     first = rows.runs[0]
     return {"run_dir": str(rows.folder), "model": first["model"], "weights_sha256": first["weights_sha256"]}
 
 
 def _tests(a: Counts, b: Counts) -> dict[str, Any]:
+    """Rates, difference and tests of one measure."""
     facts: dict[str, Any] = {
         "a": [a.k, a.n, *wilson(a.k, a.n)],
         "b": [b.k, b.n, *wilson(b.k, b.n)],
@@ -62,6 +64,7 @@ def _round_rates(a: Counts, b: Counts) -> tuple[list[float], list[float]]:
 
 
 def _sequential(found: sequential.Sequential) -> dict[str, Any]:
+    """A sequential test as JSON."""
     facts = asdict(found)
     return {"steps": len(facts.pop("e")), "e_now": found.e[-1] if found.e else 1.0, **facts}
 
@@ -76,6 +79,7 @@ def lines(facts: dict[str, Any]) -> list[str]:
 
 
 def _test_lines(name: str, f: dict[str, Any]) -> list[str]:
+    """One measure for a terminal."""
     out = [f"{name}  a {rate(*f['a'][:2])}   b {rate(*f['b'][:2])}"]
     if "difference" not in f:
         return [*out, "     nothing to compare: one run has no trial"]
@@ -92,6 +96,7 @@ def _test_lines(name: str, f: dict[str, Any]) -> list[str]:
 
 
 def _sequential_line(s: dict[str, Any], words: str) -> str:
+    """A sequential test for a terminal."""
     decided = (
         f"decided at {words[:-1]} {s['decided_at']}" if s["decided_at"] else "not decided: one may go on and look again"
     )
@@ -99,6 +104,7 @@ def _sequential_line(s: dict[str, Any], words: str) -> str:
 
 
 def _conclusion(f: dict[str, Any]) -> str:
+    """What it comes to, in one sentence."""
     p = f["rounds_p"]
     if p < LEVEL:
         return "rounds as units, the difference is real at 5 %"

@@ -87,6 +87,7 @@ def drawing(stored: Stored) -> Drawing:
 
 
 def _seen(stored: Stored) -> tuple[Array, Bytes, Bytes | None, Array | None]:
+    """What the camera saw as points, their colours, the image, and where the arm stood."""
     if "depth" not in stored:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8), None, None
     taken = frame_of(stored)
@@ -99,6 +100,7 @@ def _seen(stored: Stored) -> tuple[Array, Bytes, Bytes | None, Array | None]:
 
 
 def _voxels(stored: Stored, T_base_task: Array | None) -> tuple[Array, Bytes]:
+    """Centres of the surface voxels and their colours."""
     if "tsdf" not in stored or T_base_task is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     values = stored["tsdf"]
@@ -124,10 +126,12 @@ def _spread(colors: Bytes) -> Bytes:
 
 
 def _counted(stored: Stored) -> dict[str, int]:
+    """Candidates by verdict, most frequent first."""
     return dict(Counter(str(word) for word in stored.get("verdict", ())).most_common())
 
 
 def _chosen(stored: Stored) -> Array:
+    """The executed grasp as segments."""
     chosen = int(stored.get("chosen", -1))
     if chosen < 0 or "T_base_grasp" not in stored:
         return np.zeros((0, 2, 3))
@@ -135,6 +139,7 @@ def _chosen(stored: Stored) -> Array:
 
 
 def _path(stored: Stored) -> tuple[Array, int]:
+    """All motions one after the other, and where the fingers close."""
     parts = {name: stored[f"{name}.q"] for name in ORDER if f"{name}.q" in stored}
     if not parts:
         return np.zeros((0, 0)), 0
@@ -143,6 +148,7 @@ def _path(stored: Stored) -> tuple[Array, int]:
 
 
 def _cube(stored: Stored, T_base_task: Array) -> Array:
+    """Edges of the workspace."""
     size = VOXEL_SIZE * (stored["tsdf"].shape[0] if "tsdf" in stored else 40)
     corners = np.array([[x, y, z] for x in (0, size) for y in (0, size) for z in (0, size)])
     pairs = [(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b).count("1") == 1]

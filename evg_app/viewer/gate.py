@@ -68,6 +68,7 @@ class Gate:
         self._loop.close()
 
     async def _end(self) -> None:
+        """Listen no more and drop the connections."""
         self._server.close()
         others = [task for task in asyncio.all_tasks(self._loop) if task is not asyncio.current_task()]
         for task in others:
@@ -75,9 +76,11 @@ class Gate:
         await asyncio.gather(*others, return_exceptions=True)
 
     def _right(self, given: str) -> bool:
+        """Whether this is the token; compared in constant time."""
         return secrets.compare_digest(given.encode(), self.token.encode())
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection: look at its head, then hand it on or not."""
         try:
             head = await asyncio.wait_for(reader.readuntil(b"\r\n\r\n"), PATIENCE)
             asked, kept = token_of(head, self._cookie)
@@ -94,10 +97,12 @@ class Gate:
             writer.close()
 
     def _welcome(self) -> bytes:
+        """The answer to the right token: keep it in a cookie, and go to the page."""
         cookie = f"Set-Cookie: {self._cookie}={self.token}; HttpOnly; SameSite=Lax; Path=/\r\n"
         return _answer("303 See Other", f"{cookie}Location: /\r\n", b"")
 
     async def _hand_on(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Bytes both ways between browser and viewer, the head first."""
         inner_reader, inner_writer = await asyncio.open_connection("127.0.0.1", self._inner)
         try:
             inner_writer.write(head)
@@ -116,6 +121,7 @@ async def _pump(source: asyncio.StreamReader, sink: asyncio.StreamWriter) -> Non
 
 
 def _answer(status: str, headers: str, body: bytes) -> bytes:
+    """An HTTP answer that ends the connection."""
     fixed = (
         f"Content-Type: text/plain\r\nContent-Length: {len(body)}\r\nCache-Control: no-store\r\nConnection: close\r\n"
     )

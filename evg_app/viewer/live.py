@@ -92,6 +92,7 @@ class LiveView:
         self._thread.join(timeout=patience)
 
     def _take(self, event: Event) -> None:
+        """Keep what the event tells, and leave a moment when there is something to see."""
         self._gathered.take(event)
         self._counters = self._counters.after(event)
         if isinstance(event, RunStarted):
@@ -124,6 +125,7 @@ class LiveView:
             self._waiting.notify()
 
     def _draw(self) -> None:
+        """The drawing thread: the newest moment, until the end."""
         failed = False
         while True:
             with self._waiting:

@@ -95,6 +95,7 @@ class Scene:
             handle.visible = shown
 
     def _cloud(self, name: str, points: Array, colors: Bytes, size: float) -> None:
+        """Draw points (N, 3) [m] of a size [m]."""
         self._server.scene.add_point_cloud(
             name,
             points.astype(np.float32),
@@ -106,6 +107,7 @@ class Scene:
         )
 
     def _segments(self, name: str, lines: Array, colors: Bytes, pixels: float) -> None:
+        """Draw lines (S, 2, 3) [m]."""
         self._server.scene.add_line_segments(
             name,
             lines.astype(np.float32),
@@ -116,6 +118,7 @@ class Scene:
         )
 
     def _path(self, path: Array) -> None:
+        """Draw where the hand goes."""
         step = max(len(path) // MAX_PATH_POINTS, 1)
         points = self._arm.tool_path(path[::step]) if len(path) else EMPTY
         lines = np.stack([points[:-1], points[1:]], axis=1) if len(points) > 1 else np.zeros((0, 2, 3))

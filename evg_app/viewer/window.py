@@ -97,6 +97,7 @@ class Window:
         return str(self._counts.content)
 
     def _panel(self) -> None:
+        """Everything beside the picture."""
         gui = self.server.gui
         gui.configure_theme(control_layout="fixed", show_logo=False, show_share_button=False)
         gui.set_panel_label("evg-app")
@@ -113,6 +114,7 @@ class Window:
                 self._switch(layer)
 
     def _switch(self, layer: str) -> None:
+        """A box that shows or hides a layer."""
         shown = layer not in HIDDEN_FIRST
         box = self.server.gui.add_checkbox(layer, shown)
         self.scene.switch(layer, shown)
@@ -120,6 +122,7 @@ class Window:
 
 
 def _viser() -> Any:
+    """The library, without its greeting."""
     try:
         import rich
         import viser
@@ -130,5 +133,6 @@ def _viser() -> Any:
 
 
 def _small(image: Bytes) -> Bytes:
+    """Every n-th pixel, so that it is about as wide as the panel."""
     step = max(image.shape[1] // IMAGE_WIDTH, 1)
     return np.ascontiguousarray(image[::step, ::step])

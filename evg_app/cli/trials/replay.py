@@ -56,6 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _same_model(args: argparse.Namespace, recorded: RecordedRun, attempts: Iterator[RecordedAttempt]) -> int:
+    """Replay with the logged model and say what differs."""
     pipelines: dict[str, Pipeline | WeightsError] = {}
     results = []
     for attempt in attempts:
@@ -77,12 +78,14 @@ def _same_model(args: argparse.Namespace, recorded: RecordedRun, attempts: Itera
 
 
 def _replayed(attempt: RecordedAttempt, session: Session, pipeline: Pipeline | WeightsError) -> Replayed:
+    """One attempt; weights that cannot be loaded are a difference, too."""
     if isinstance(pipeline, WeightsError):
         return Replayed(attempt.attempt_id, (Difference(ReplayStage.WEIGHTS, str(pipeline)),))
     return replay(attempt, session, pipeline)
 
 
 def _pipeline_or_error(session: Session, model: str, weights: str | None) -> Pipeline | WeightsError:
+    """The code under replay, or why there are no such weights."""
     try:
         return _pipeline(session, model, weights)
     except WeightsError as error:
@@ -90,6 +93,7 @@ def _pipeline_or_error(session: Session, model: str, weights: str | None) -> Pip
 
 
 def _pipeline(session: Session, model: str, weights: str | None) -> Pipeline:
+    """The code under replay with a model."""
     import torch
 
     from evg_app.cli.run import PLANNER_THREADS
@@ -105,6 +109,7 @@ def _pipeline(session: Session, model: str, weights: str | None) -> Pipeline:
 
 
 def _verdict(results: list[Replayed]) -> str:
+    """How many are identical, and where the others differ first."""
     same = sum(result.identical for result in results)
     text = f"{same} of {len(results)} attempts identical to the bit"
     stages = Counter(str(result.first) for result in results if result.first is not None)
@@ -112,6 +117,7 @@ def _verdict(results: list[Replayed]) -> str:
 
 
 def _facts(folder: Path, results: list[Replayed], changes: list[str]) -> dict[str, Any]:
+    """The result as JSON."""
     return {
         "run_dir": str(folder),
         "identical": sum(result.identical for result in results),
@@ -129,6 +135,7 @@ def _facts(folder: Path, results: list[Replayed], changes: list[str]) -> dict[st
 
 
 def _other_model(args: argparse.Namespace, recorded: RecordedRun, attempts: Iterator[RecordedAttempt]) -> int:
+    """What another model would have done."""
     pipelines: dict[str, Pipeline] = {}
     found: list[WhatIf] = []
     for attempt in attempts:
