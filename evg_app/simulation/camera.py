@@ -1,7 +1,6 @@
 """Simulated pictures (TinyRenderer): the depth camera beside the table, and the spectator of a run."""
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -15,6 +14,7 @@ from evg_app.simulation.noise import add_noise
 from evg_app.simulation.views import draw_view
 from evg_app.simulation.world import SimWorld
 from evg_app.types import Frame, Intrinsics
+from evg_app.unconnected import Unconnected
 
 _OPTICAL_TO_GL = np.diag([1.0, -1.0, -1.0, 1.0])
 ROW_OFFSET = 1.0
@@ -56,7 +56,7 @@ def render(
     return color, np.where((depth < 0.999 * far) & (depth >= near), depth, 0.0).astype(np.float32)
 
 
-class SimulatedCamera:
+class SimulatedCamera(Unconnected):
     """A `Camera` that stands beside the table (eye to hand). Waiting for a frame steps the world."""
 
     def __init__(self, world: SimWorld, config: CameraConfig, seed: int = 0) -> None:
@@ -81,14 +81,6 @@ class SimulatedCamera:
     def frame_id(self) -> str:
         """Name of the depth optical frame."""
         return self._config.frame_id
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def capture(self, *, after: float, timeout: float) -> Frame:
         """A frame exposed now, or at `after` [s] if that is later.

@@ -1,14 +1,12 @@
 """The simulated parallel gripper: two coupled fingers that hold by friction alone."""
 
-from types import TracebackType
-from typing import Self
-
 import numpy as np
 import pybullet
 
 from evg_app.simulation.bullet import TIME_STEP
 from evg_app.simulation.world import SimWorld
 from evg_app.types import GripperResult, GripperState
+from evg_app.unconnected import Unconnected
 
 MOVE_FORCE = 20.0
 """Force limit of each finger when it moves or holds its place without a grasp command [N]."""
@@ -20,7 +18,7 @@ NOTHING_BETWEEN = 0.001
 """Fingers closed to this have nothing between them [m]."""
 
 
-class SimulatedGripper:
+class SimulatedGripper(Unconnected):
     """A `Gripper` in a `SimWorld`. Commands step the world until they end."""
 
     def __init__(self, world: SimWorld) -> None:
@@ -29,14 +27,6 @@ class SimulatedGripper:
         self._stopped = False
         world.on_reset.append(self._renew)
         self._renew()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def _renew(self) -> None:
         """A new round begins: the fingers are open and hold nothing."""

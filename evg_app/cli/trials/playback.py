@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -28,6 +27,7 @@ from evg_app.robots.protocol import MotionHandle
 from evg_app.trials.arrays import Gathered, frame_of, routes_of, views_of
 from evg_app.trials.recorded import RecordedAttempt
 from evg_app.types import ArmMode, ArmState, Frame, GripperResult, GripperState, Intrinsics, Trajectory, Verdict
+from evg_app.unconnected import Unconnected
 
 DEVICE_ERROR = "device error"
 """Why an attempt failed that no judgement concluded."""
@@ -120,19 +120,7 @@ class Playback:
         return round_
 
 
-class _Entered:
-    """A device that needs no connection."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-
-class _LoggedCamera(_Entered):
+class _LoggedCamera(Unconnected):
     """Always gives the logged frame."""
 
     def __init__(self, frame: Frame) -> None:
@@ -146,7 +134,7 @@ class _LoggedCamera(_Entered):
         return self._frame
 
 
-class _LoggedArm(_Entered):
+class _LoggedArm(Unconnected):
     """At rest where it was when the frame was taken; nothing moves in a replay."""
 
     def __init__(self, q: Array, joints: tuple[str, ...]) -> None:
@@ -162,7 +150,7 @@ class _LoggedArm(_Entered):
         raise HardwareError("a replay recovers nothing")
 
 
-class _NoGripper(_Entered):
+class _NoGripper(Unconnected):
     """Nothing is gripped in a replay."""
 
     def state(self) -> GripperState:

@@ -1,8 +1,6 @@
 """Arm and camera of the stand-in, behind the usual protocols: the arm is at once where it is sent, nearly."""
 
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -14,6 +12,7 @@ from evg_app.handeye.standin.picture import BoardPainter, Exposure
 from evg_app.handeye.standin.world import REPEAT_M, REPEAT_RAD, Truth
 from evg_app.motion.kinematics import Kinematics
 from evg_app.types import ArmMode, ArmState, Frame, Intrinsics, MotionResult, Trajectory
+from evg_app.unconnected import Unconnected
 
 DEPTH_SCALE = 0.001
 DEPTH_FACTOR, DEPTH_NOISE = 0.01, 0.0015
@@ -70,6 +69,7 @@ class StandIn:
     wrong_next: bool = False
 
     def __post_init__(self) -> None:
+        """The arm is where the user has put it."""
         self.arrive(self.truth.q_start)
 
     def arrive(self, q: Array) -> None:
@@ -109,22 +109,11 @@ def stand_in(truth: Truth, kinematics: Kinematics, board: Board, seed: int, faul
     return StandIn(truth, kinematics, board, faults or Faults(), np.random.default_rng([seed, 77]))
 
 
-class _Entered:
-    """Nothing to open or close."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
-
-
-class StandInArm(_Entered):
+class StandInArm(Unconnected):
     """An `Arm` that is at once at the end of its trajectory."""
 
     def __init__(self, world: StandIn) -> None:
+        """Moves the state that it shares with the camera."""
         self._world = world
 
     @property
@@ -163,10 +152,11 @@ class Arrived:
         """Too late."""
 
 
-class StandInCamera(_Entered):
+class StandInCamera(Unconnected):
     """A `Camera` whose pictures of the board are cast ray by ray."""
 
     def __init__(self, world: StandIn, frame_id: str) -> None:
+        """Sees the state that it shares with the arm."""
         self._world, self._frame_id = world, frame_id
         truth = world.truth
         self._painter = BoardPainter(world.board, truth.intrinsics, truth.print_scale * world.faults.print_scale)
@@ -197,6 +187,7 @@ class StandInCamera(_Entered):
         return Frame(depth, DEPTH_SCALE, self.intrinsics, world.time, self._frame_id, color, world.pictures)
 
     def _exposure(self, T_cam_board: Array) -> Exposure:
+        """How the next picture is taken: at random, and as the faults say."""
         rng, world = self._world.rng, self._world
         hidden: tuple[tuple[float, float, float], ...] = ()
         corners = self._painter.corner_pixels(T_cam_board)

@@ -1,8 +1,7 @@
 """The arm over ROS 2: trajectories through a joint_trajectory_controller, state from what the robot publishes."""
 
 import contextlib
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from evg_app.config.ros2 import Ros2Model
 from evg_app.errors import DeviceTimeout, HardwareError, Refused
 from evg_app.geometry import Array
 from evg_app.identity import installed
+from evg_app.robots.ros2.device import Ros2Device
 from evg_app.robots.ros2.goal import Goal
 from evg_app.robots.ros2.interfaces import interface, is_there
 from evg_app.robots.ros2.link import Link
@@ -19,7 +19,7 @@ from evg_app.robots.ros2.messages import braking, duration, joint_trajectory
 from evg_app.robots.ros2.motion import ActionCarrier, Carrier, Ros2Motion, TopicCarrier
 from evg_app.robots.ros2.network import network
 from evg_app.robots.ros2.recovery import Recovery
-from evg_app.robots.ros2.rivals import LEASE_S, require_one, servers, too_many
+from evg_app.robots.ros2.rivals import require_one, servers, too_many
 from evg_app.robots.ros2.state import StateReader
 from evg_app.types import ArmMode, ArmState, Trajectory
 
@@ -31,7 +31,7 @@ NODES_S = 5.0
 """The names of other nodes come after what they serve; a message waits this long for one of them [s]."""
 
 
-class Ros2Arm:
+class Ros2Arm(Ros2Device):
     """Implements `robots.protocol.Arm`.
 
     Args:
@@ -41,23 +41,23 @@ class Ros2Arm:
     """
 
     def __init__(self, robot: RobotConfig, config: Ros2Model, link: Link, use_topic: bool = False) -> None:
-        self._robot, self._config, self._link, self._use_topic = robot, config, link, use_topic
+        super().__init__(config, link)
+        self._robot, self._use_topic = robot, use_topic
         self._names = config.joints or robot.joints
         self._reader = StateReader(link.clock, config, self._names)
         self._recovery = None if config.recovery is None else Recovery(link, config, config.recovery)
         self._client: Any = None
         self._publisher: Any = None
         self._motion: Ros2Motion | None = None
-        self._entered = False
-        self._met: tuple[str, ...] = ()
         self.warnings: tuple[str, ...] = ()
         """What a person should know about this connection; filled on entry."""
 
     @property
     def identity(self) -> dict[str, str]:
-        """Middleware, domain and the nodes in sight at connect; the serial number is the config's."""
+        """Middleware, domain and the nodes in sight; the serial number is the config's."""
+        nodes = ", ".join(self._other_nodes()) if self._link.alive else ""
         told = {"driver": "ros2", "serial": self._robot.serial, "action": self._config.arm_action}
-        return told | {"rclpy": installed("ros-jazzy-rclpy"), "network": str(network()), "nodes": ", ".join(self._met)}
+        return told | {"rclpy": installed("ros-jazzy-rclpy"), "network": str(network()), "nodes": nodes}
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -67,29 +67,6 @@ class Ros2Arm:
     @property
     def _clock(self) -> Clock:
         return self._link.clock
-
-    def __enter__(self) -> Self:
-        """Connect, and wait until the controller and the state are there.
-
-        Raises:
-            MissingExtra: rclpy is not installed.
-            HardwareError: somebody did not turn up, or two robots did; named, with the command to run.
-        """
-        self._link.acquire()
-        self._entered = True
-        try:
-            self._open()
-            self._link.wait_until(lambda: not self._missing(), self._config.server_timeout_s)
-            missing = self._missing()
-            if missing:
-                raise HardwareError(self._not_found(missing))
-            if self._client is not None:
-                require_one(self._link, self._config.arm_action, LEASE_S)
-            self._met = tuple(self._other_nodes())
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-        return self
 
     def _open(self) -> None:
         setting = network()
@@ -132,20 +109,13 @@ class Ros2Arm:
             f"Run: {self._config.start_arm}   or look: evg-app ros check"
         )
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Stop a motion under way and disconnect; never raises, may be called twice."""
-        if not self._entered:
-            return
-        self._entered = False
-        with contextlib.suppress(HardwareError):
-            if self._motion is not None:
-                self._motion.cancel()
-        with contextlib.suppress(HardwareError):
-            self._close()
-        self._motion = None
-        self._link.release()
+    def _served(self) -> list[str]:
+        return [] if self._client is None else [self._config.arm_action]
+
+    def _halt(self) -> None:
+        motion, self._motion = self._motion, None
+        if motion is not None:
+            motion.cancel()
 
     def _close(self) -> None:
         self._reader.unsubscribe(self._link)

@@ -1,20 +1,18 @@
 """The gripper over ROS 2: franka_msgs actions, or control_msgs/GripperCommand."""
 
-import contextlib
 from functools import partial
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
 from evg_app.config.models import GripperModel
 from evg_app.config.ros2 import Ros2Model
 from evg_app.errors import DeviceTimeout, HardwareError
+from evg_app.robots.ros2.device import Ros2Device
 from evg_app.robots.ros2.feeds import Feed, Joints
 from evg_app.robots.ros2.goal import SUCCEEDED, Goal
 from evg_app.robots.ros2.interfaces import interface
 from evg_app.robots.ros2.link import Link
-from evg_app.robots.ros2.rivals import LEASE_S, require_one
 from evg_app.robots.ros2.service import Service
 from evg_app.types import GripperResult, GripperState
 
@@ -26,7 +24,7 @@ FRESH_S = 1.0
 """After a command the next joint state is awaited this long [s]: franka_gripper publishes at 15 Hz."""
 
 
-class Ros2Gripper:
+class Ros2Gripper(Ros2Device):
     """Implements `robots.protocol.Gripper`.
 
     franka_gripper has no flag for "something is held": `is_grasped` is the verdict of the last grasp, as long as the
@@ -34,7 +32,8 @@ class Ros2Gripper:
     """
 
     def __init__(self, model: GripperModel, config: Ros2Model, link: Link) -> None:
-        self._model, self._config, self._link = model, config, link
+        super().__init__(config, link)
+        self._model = model
         self._names = config.gripper
         joints = Joints(self._names.finger_joints)
         advice = f"Run: {config.start_gripper}   and look with: ros2 topic hz {self._names.joint_states}"
@@ -45,7 +44,6 @@ class Ros2Gripper:
         self._clients: dict[str, Any] = {}
         self._goal: Goal | None = None
         self._held_at: float | None = None
-        self._entered = False
 
     @property
     def identity(self) -> dict[str, str]:
@@ -63,29 +61,6 @@ class Ros2Gripper:
             names.grasp_action: ("franka_msgs.action", "Grasp"),
         }
 
-    def __enter__(self) -> Self:
-        """Connect, and wait until the servers and the state are there.
-
-        Raises:
-            HardwareError: somebody did not turn up, or two hands did; named, with the command to run.
-        """
-        self._link.acquire()
-        self._entered = True
-        try:
-            self._open()
-            self._link.wait_until(lambda: not self._missing(), self._config.server_timeout_s)
-            missing = self._missing()
-            if missing:
-                raise HardwareError(
-                    f"not there after {self._config.server_timeout_s:g} s: {', '.join(missing)}. franka_ros2's fake "
-                    f"hardware has no gripper actions. Run: {self._config.start_gripper}   or look: evg-app ros check"
-                )
-            require_one(self._link, next(iter(self._clients)), LEASE_S)
-        except BaseException:
-            self.__exit__(None, None, None)
-            raise
-        return self
-
     def _open(self) -> None:
         from rclpy.action import ActionClient
 
@@ -98,22 +73,25 @@ class Ros2Gripper:
         missing = [action for action, client in self._clients.items() if not client.server_is_ready()]
         return missing + ([] if self._feed.fresh else [self._feed.topic])
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Cancel a command under way and disconnect; the fingers stay as they are. Never raises."""
-        if not self._entered:
-            return
-        self._entered = False
-        with contextlib.suppress(HardwareError):
-            if self._goal is not None:
-                self._goal.cancel(STOP_TIMEOUT)
-        with contextlib.suppress(HardwareError):
-            self._feed.unsubscribe(self._link)
-            clients, self._clients = self._clients, {}
-            for client in clients.values():
-                self._link.call(client.destroy, "leaving the gripper")
-        self._link.release()
+    def _not_found(self, missing: list[str]) -> str:
+        return (
+            f"not there after {self._config.server_timeout_s:g} s: {', '.join(missing)}. franka_ros2's fake hardware "
+            f"has no gripper actions. Run: {self._config.start_gripper}   or look: evg-app ros check"
+        )
+
+    def _served(self) -> list[str]:
+        return list(self._clients)[:1]
+
+    def _halt(self) -> None:
+        """Cancel a command under way; the fingers stay as they are."""
+        if self._goal is not None:
+            self._goal.cancel(STOP_TIMEOUT)
+
+    def _close(self) -> None:
+        self._feed.unsubscribe(self._link)
+        clients, self._clients = self._clients, {}
+        for client in clients.values():
+            self._link.call(client.destroy, "leaving the gripper")
 
     def state(self) -> GripperState:
         """The latest stamped state.

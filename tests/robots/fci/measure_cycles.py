@@ -1,7 +1,7 @@
-"""Measures free motions and gripper cycles on a peer: `python tests/robots/fci/measure_cycles.py PEER N OUT.json`.
+"""Measures free motions and gripper cycles: `python tests/robots/fci/measure_cycles.py PEER N OUT.json [SHARE]`.
 
 A cycle goes to a random collision-free place above the workspace and to above the bin, closes and opens the hand at
-each, on planned and verified motions, with the FR3's config.
+each, on planned and verified motions, with the FR3's config, at SHARE (default 1) of its speed.
 """
 
 import json
@@ -25,7 +25,6 @@ from evg_app.robots.fci.arm import FciArm
 from evg_app.robots.fci.gripper import FciGripper
 from evg_app.trials.statistics import wilson
 
-SHARE = {"franky-sim": 1.0, "franka-sim": 0.4}
 GOAL_RAD, OPEN_M = 0.01, 0.07
 CLOSED_M = {"franky-sim": 0.005, "franka-sim": OBJECT_WIDTH + 0.002}
 
@@ -40,7 +39,7 @@ def place(planner: MotionPlanner, rng: np.random.Generator, q: np.ndarray) -> np
             return np.asarray(found)
 
 
-def main(name: str, cycles: int, out: Path) -> None:
+def main(name: str, cycles: int, out: Path, share: float) -> None:
     """Run the cycles and write what happened."""
     peer = PEERS[name]()
     robot = robot_at(peer.host, robot="fr3")
@@ -53,7 +52,7 @@ def main(name: str, cycles: int, out: Path) -> None:
                     for goal in (place(planner, rng, arm.state().q), np.array(robot.drop.q_rad)):
                         way = planner.go_to(arm.state().q, goal)
                         start = time.monotonic()
-                        motion = arm.execute(slowed(way, SHARE[name]))
+                        motion = arm.execute(slowed(way, share))
                         result = end_of(motion, 120.0)
                         seconds.append(time.monotonic() - start)
                         errors.append(float(np.abs(arm.state().q - goal).max()))
@@ -70,8 +69,8 @@ def main(name: str, cycles: int, out: Path) -> None:
         peer.close()
     facts = {
         "peer": name,
-        "command": f"python tests/robots/fci/measure_cycles.py {name} {cycles} OUT.json",
-        "speed_share": SHARE[name],
+        "command": f"python tests/robots/fci/measure_cycles.py {name} {cycles} OUT.json {share:g}",
+        "speed_share": share,
         "motions": [sum(motions), len(motions), *wilson(sum(motions), len(motions))],
         "gripper_cycles": [sum(grips), len(grips), *wilson(sum(grips), len(grips))],
         "goal_error_rad": {"median": float(np.median(errors)), "max": max(errors)},
@@ -85,4 +84,4 @@ def main(name: str, cycles: int, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))
+    main(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]), float(sys.argv[4]) if len(sys.argv) > 4 else 1.0)

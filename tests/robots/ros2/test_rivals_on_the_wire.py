@@ -49,8 +49,7 @@ def test_two_robots_at_connect_are_refused_and_the_check_says_so(
     own_peer: PeerProcess, second: list[PeerProcess], monkeypatch: pytest.MonkeyPatch
 ):
     second.append(PeerProcess())
-    monkeypatch.setattr("evg_app.robots.ros2.arm.LEASE_S", 1.0)
-    monkeypatch.setattr("evg_app.robots.ros2.gripper.LEASE_S", 1.0)
+    monkeypatch.setattr("evg_app.robots.ros2.device.LEASE_S", 1.0)
     opened, action = open_robot(load_robot("panda")), load_robot("panda").ros2.arm_action
     opened.link.acquire()
     try:

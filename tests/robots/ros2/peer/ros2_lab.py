@@ -10,8 +10,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from ros2_peer import PeerProcess, isolate
 
@@ -33,12 +31,13 @@ from evg_app.trials.recorder import Recorder
 from evg_app.trials.statistics import rate
 from evg_app.trials.summary import summary
 from evg_app.types import Frame, Intrinsics
+from evg_app.unconnected import Unconnected
 
 SETTINGS = Settings(motion_slack=40.0)
 """On a busy computer the peer's physics is slower than real time; a robot is not."""
 
 
-class PeerCamera:
+class PeerCamera(Unconnected):
     """The peer's depth camera; stamped with our clock."""
 
     def __init__(self, peer: PeerProcess, clock: Clock) -> None:
@@ -53,14 +52,6 @@ class PeerCamera:
     @property
     def frame_id(self) -> str:
         return self._config.frame_id
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
     def capture(self, *, after: float, timeout: float) -> Frame:
         if self._clock.now() < after:
