@@ -1,25 +1,20 @@
-"""Picking rounds on an arm behind ROS 2 actions: the loop here, the arm, the objects and the camera over there.
+"""The loop on an arm behind ROS 2 actions: the loop here, the arm, the objects and the camera over there.
 
-Example: `.venv-ros/bin/python tests/robots/ros2/peer/ros2_lab.py --scene packed --rounds 5 --json out.json`
 The robot is reached over ROS 2 only; camera images, new scenes and the truth come beside it, as from a person.
 """
 
-import argparse
-import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from ros2_peer import PeerProcess, isolate
+from ros2_peer import PeerProcess
 
 from evg_app.clock import Clock
 from evg_app.config.files import load_camera, load_robot
 from evg_app.config.models import RobotConfig
 from evg_app.errors import DeviceTimeout
-from evg_app.events import AttemptFinished, Event, MotionEnded, RoundStarted, Warned, fan_out
+from evg_app.events import Event, fan_out
 from evg_app.geometry import Array
-from evg_app.grasping.load import load_planner
 from evg_app.grasping.protocol import Planner
 from evg_app.motion.feasibility import MotionPlanner
 from evg_app.picking.context import Context, Devices, Settings
@@ -28,8 +23,6 @@ from evg_app.picking.perceive import TablePerception
 from evg_app.picking.run import RunResult, run_rounds
 from evg_app.robots.ros2 import Ros2Robot, open_robot
 from evg_app.trials.recorder import Recorder
-from evg_app.trials.statistics import rate
-from evg_app.trials.summary import summary
 from evg_app.types import Frame, Intrinsics
 from evg_app.unconnected import Unconnected
 
@@ -93,23 +86,6 @@ def patient(robot: RobotConfig) -> RobotConfig:
     return robot.model_copy(update={"ros2": robot.ros2.model_copy(update=waits), "gripper": gripper})
 
 
-class Truth:
-    """Keeps the loop's own judgement beside what the peer knows."""
-
-    def __init__(self, peer: PeerProcess) -> None:
-        self._peer, self.pairs = peer, list[tuple[bool, bool]]()
-        self._before = 0
-
-    def __call__(self, event: Event) -> None:
-        if isinstance(event, RoundStarted):
-            self._before = 0
-        if isinstance(event, AttemptFinished):
-            now = int(self._peer.ask("truth")[1])
-            if event.outcome.counts and event.verified is not None:
-                self.pairs.append((event.verified, now > self._before))
-            self._before = now
-
-
 def pick(
     peer: PeerProcess,
     planner: Planner,
@@ -145,50 +121,3 @@ def pick(
             settings=settings,
         )
         return run_rounds(context, PeerRounds(peer, opened), (seed,), rounds)
-
-
-def tell(event: Event) -> None:
-    """Progress, for a person who waits."""
-    if isinstance(event, Warned):
-        sys.stdout.write(f"  {event.cause}: {event.text}\n")
-    elif isinstance(event, MotionEnded) and not event.result.reached:
-        sys.stdout.write(f"  {event.name}: {event.result.reason}\n")
-    elif isinstance(event, AttemptFinished):
-        sys.stdout.write(f"{event.attempt_id}: {event.outcome} {event.failure}\n")
-    sys.stdout.flush()
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--scene", default="packed")
-    parser.add_argument("--model", default="equiigd")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--speed", type=float, default=1.0)
-    parser.add_argument("--objects", type=int, default=5)
-    parser.add_argument("--run-dir", type=Path, required=True)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--no-referee", action="store_true", help="the loop judges for itself; the truth is kept apart")
-    args = parser.parse_args()
-    isolate()
-    peer = PeerProcess("--scene", args.scene, "--speed", str(args.speed), "--objects", str(args.objects))
-    try:
-        planner = load_planner(args.model, None, "cpu")
-        truth = Truth(peer)
-        result = pick(
-            peer, planner, args.run_dir, args.seed, args.rounds, fan_out(truth, tell), with_referee=not args.no_referee
-        )
-    finally:
-        peer.close()
-    named = sum(r.stop_reason.value not in ("error", "stopped by the user") for r in result.rounds)
-    sys.stdout.write(f"rounds that ended with a reason of their own: {rate(named, args.rounds)}\n")
-    right = sum(judged == true for judged, true in truth.pairs)
-    sys.stdout.write(f"judgements that agree with the peer's truth: {rate(right, len(truth.pairs))}\n")
-    facts = summary(args.run_dir) | {"rounds_completed": named, "rounds_asked": args.rounds}
-    facts["judged_and_true"] = truth.pairs
-    if args.json:
-        args.json.write_text(json.dumps(facts, indent=2) + "\n")
-
-
-if __name__ == "__main__":
-    main()

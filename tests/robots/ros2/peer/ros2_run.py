@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
 sys.path.insert(0, str(Path(__file__).parents[2] / "fci"))
 
 from calibrated import calibrated
+from injected import heard_by
 from ros2_lab import PeerCamera
 from ros2_peer import PeerProcess, isolate
 
-from evg_app.cli import progress
 from evg_app.cli.main import main as evg_app
 from evg_app.config.files import load_camera
 from evg_app.events import AttemptFinished, Event, RoundFinished, RoundStarted
@@ -62,18 +63,8 @@ class Truth:
 def seen_by(peer: PeerProcess, truth: Truth) -> Iterator[None]:
     """While inside, `evg-app run` sees through the peer's camera, and `truth` hears its events."""
 
-    class Told(progress.Progress):
-        """Progress that also tells the truth keeper."""
-
-        def __call__(self, event: Event) -> None:
-            """Take one event."""
-            truth(event)
-            super().__call__(event)
-
-    with (
-        mock.patch("evg_app.cli.real_lab._camera", lambda wishes, config, clock, sink: PeerCamera(peer, clock)),
-        mock.patch.object(progress, "Progress", Told),
-    ):
+    camera = mock.patch("evg_app.cli.real_lab._camera", lambda wishes, config, clock, sink: PeerCamera(peer, clock))
+    with camera, heard_by(truth):
         yield
 
 
