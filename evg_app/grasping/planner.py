@@ -27,7 +27,7 @@ from evg_app.grasping.fast.eager import EagerEncoder, EagerHeads
 from evg_app.grasping.fast.encoder import Encoder, FastEncoder
 from evg_app.grasping.fast.field import Field
 from evg_app.grasping.fast.heads import Heads, Place, heads_of
-from evg_app.grasping.fast.workers import Workers, one_torch_thread, pieces
+from evg_app.grasping.fast.workers import Workers, pieces
 from evg_app.grasping.protocol import Grid, grid_values
 from evg_app.grasping.search import coarse_to_fine
 from evg_app.grasping.weights import load_weights
@@ -82,7 +82,7 @@ class PlannerConfig:
     dense_graspness: float = 0.05
     allow_contact: bool = False
     points_at_once: int = 1024
-    grasps_at_once: int = 128
+    grasps_at_once: int = 40
 
 
 class GraspPlanner:
@@ -171,7 +171,7 @@ class GraspPlanner:
         lap("mask")
         if not mask.any():
             return Grasps.empty()
-        with torch.inference_mode(), one_torch_thread():
+        with torch.inference_mode():
             field = self.encode(values)
             lap("encode")
             index, graspness = self.locate(field, mask)
@@ -221,10 +221,10 @@ class GraspPlanner:
         def ask(part: slice) -> tuple[Tensor, Tensor, Tensor]:
             place = Place(field, voxels[part])
             draws = noise[:, part] if part.start < sampled else noise[:0]
-            candidates, scores = self._heads.rotations(place, draws, self.config.steps)
+            candidates, scores, width = self._heads.grasps(place, draws, self.config.steps)
             score, which = scores[..., -1 if self.config.allow_contact else 0].max(0)
             rotation = candidates[which, torch.arange(len(which), device=self._device)]
-            return rotation, score, self._heads.width(place)
+            return rotation, score, width
 
         rest = [slice(p.start + sampled, p.stop + sampled) for p in self._pieces(len(index) - sampled)]
         parts = self._workers.map(ask, [*self._pieces(sampled), *rest])

@@ -35,8 +35,8 @@ def coarse_to_fine(
 
     def learn(index: lattice.Indices) -> None:
         """Ask blocks."""
-        values.ravel()[index] = ask(index, lattice.BLOCKS)
-        asked.ravel()[index] = True
+        np.put(values, index, ask(index, lattice.BLOCKS))
+        np.put(asked, index, True)
 
     learn(np.flatnonzero(near & lattice.SEEDS))
     promise = selection.filled(values, asked) + selection.largest_around(values)
@@ -44,8 +44,8 @@ def coarse_to_fine(
     learn(others[selection.best(promise.ravel()[others], refined)])
     known = np.flatnonzero(asked)
     chosen = np.zeros_like(near)
-    chosen.ravel()[known[selection.best(values.ravel()[known], blocks)]] = True
+    np.put(chosen, known[selection.best(values.ravel()[known], blocks)], True)
     volume = lattice.interpolated(selection.filled(values, asked), near)
     fine = np.flatnonzero(mask & lattice.voxels_of(chosen))
-    volume.ravel()[fine] = ask(fine, GRID_SIZE)
+    np.put(volume, fine, ask(fine, GRID_SIZE))
     return volume, fine

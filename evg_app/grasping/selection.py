@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evg_app.geometry import VOXEL_SIZE, Array
-from evg_app.grasping import columns
+from evg_app.grasping import columns, lattice
 
 Volume = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -63,9 +63,7 @@ def filled(values: Volume, where: Mask) -> Volume:
 def _means(values: Volume, where: Mask, sigma: float) -> Volume:
     """Gaussian mean at each cell of a cube over those `where` values are defined, 0 far from all of them."""
     both = np.stack([np.where(where, values, np.float32(0.0)), where.astype(np.float32)])
-    kernel = _gaussian(sigma, len(values))
-    both = (kernel @ (both @ kernel)).reshape(2, len(values), -1)  # along z, along y
-    total, weight = (kernel @ both).reshape(2, *where.shape)
+    total, weight = lattice.along_axes(_gaussian(sigma, len(values)), both)
     mean: Volume = total / np.maximum(weight, np.float32(1e-12))
     return mean
 

@@ -1,4 +1,5 @@
-"""The networks' two attentions with all maps around them multiplied out (`nets.attention` says what they compute)."""
+"""The networks' two attentions as parts of graphs, all maps around them multiplied out (`nets.attention` says what they
+compute). Between a part that asks and one that goes on, a `Reader` reads the field."""
 
 import math
 
@@ -7,40 +8,35 @@ from torch import Tensor
 
 from evg_app.geometry import GRID_SIZE
 from evg_app.grasping.fast.affine import Affine
-from evg_app.grasping.fast.field import PIXEL_W, Field, Reader
-from evg_app.grasping.fast.graph import Graph, Native, Shape
+from evg_app.grasping.fast.field import PIXEL_W, Reader
+from evg_app.grasping.fast.graph import Graph, Shape
 from evg_app.nets.attention import DeformableAttention, GraspAttention
 
-CANDIDATES = 64
-"""Grasps whose control points are read at a time: what they read fits the second-level cache."""
+Results = dict[str, tuple[str, Shape]]
+"""What a graph gives out, see `Graph.model`."""
+GRIP_GROUP = 5
+"""Control points whose corners one row of a product holds: a divisor of their number."""
 
 
 class Look:
     """A deformable attention up to what it reads: sum_k A_k c(p + D_k), offsets and weights linear in c(p).
 
     Attributes:
+        reader: reads what `ask` asks for.
         attended: from [c, what was read], side by side, to what the attention returns.
     """
 
     def __init__(self, attention: DeformableAttention) -> None:
-        weights = Affine.of(attention.to_weights)
-        self.attended = _attended(attention, weights)
-        self._reader = Reader(attention.offsets)
-        self._ask = self._graph(attention, weights)
+        self._weights, self._offsets = Affine.of(attention.to_weights), _pixel_offsets(attention)
+        self.attended = _attended(attention, self._weights)
+        self.reader = Reader(attention.offsets, attention.offsets)
 
-    def _graph(self, attention: DeformableAttention, weights: Affine) -> Native:
+    def ask(self, g: Graph, c: str, pixels: str) -> Results:
         """From features (N, C) and pixels (N, 4) to what the reader wants."""
-        g, each = Graph(), attention.offsets
-        offsets = g.affine("c", _pixel_offsets(attention))
-        where = g.add("Reshape", offsets, g.constant([-1, each, 4]))
-        where = g.add("Add", where, g.add("Unsqueeze", "pixels", g.constant([1])))
-        weight = g.add("Unsqueeze", g.affine("c", weights), g.constant([2]))
-        inputs: dict[str, Shape] = {"c": ["n", len(weights.weight)], "pixels": ["n", 4]}
-        return Native(g.model(inputs, self._reader.ask(g, where, weight)))
-
-    def __call__(self, field: Field, c: Tensor, pixels: Tensor) -> Tensor:
-        """[c, what was read] at points with features c (N, C) and pixels (N, 4). (N, 2 C)."""
-        return torch.cat([c, self._reader.read(field, *self._ask(c, pixels))], 1)
+        where = g.add("Reshape", g.affine(c, self._offsets), g.constant([-1, self.reader.group, 4]))
+        where = g.add("Add", where, g.add("Unsqueeze", pixels, g.constant([1])))
+        weight = g.add("Unsqueeze", g.affine(c, self._weights), g.constant([2]))
+        return self.reader.ask(g, where, weight)
 
 
 def _pixel_offsets(attention: DeformableAttention) -> Affine:
@@ -64,44 +60,42 @@ def _attended(attention: DeformableAttention, weights: Affine) -> Affine:
 
 
 class Grip:
-    """The grasp-conditioned attention up to what it reads at the gripper's control points.
+    """The grasp-conditioned attention, before and after what it reads at the gripper's control points.
 
     Attributes:
-        attended: from [c, what was read], side by side, to what the attention returns.
+        reader: reads what `ask` asks for.
+        attended: from [c, mean of what was read], side by side, to what the attention returns.
     """
 
     def __init__(self, attention: GraspAttention) -> None:
         points, code = (x.detach().double().cpu() for x in attention.tied())
-        self._points, self._reader = len(points), Reader(1)
-        query = _query(attention, code)
-        g = Graph()
-        asked = g.affine("c", query)
-        self._query = Native(g.model({"c": ["n", len(query.weight)]}, {"y": (asked, ["n", len(query.bias)])}))
-        g = Graph()
-        pixels = g.add("Reshape", g.affine("where", _placement(points)), g.constant([-1, 4]))
-        self._place = Native(g.model({"where": ["n", 12]}, self._reader.ask(g, pixels, None)))
+        self._points, self._placement = len(points), _placement(points)
+        self._query = _query(attention, code)
+        self.reader = Reader(1, GRIP_GROUP)
         value = Affine.of(attention.to_value).then(Affine.of(attention.out))
-        self.attended = Affine.linear(torch.eye(len(query.weight))).plus(value)
+        self.attended = Affine.linear(torch.eye(len(self._query.weight))).plus(value)
 
-    def __call__(self, field: Field, c: Tensor, pixels: Tensor, rotation: Tensor) -> Tensor:
-        """[c, what was read] of grasps with features c (N, C), pixels (N, 4) and rotations (N, 3, 3). (N, 2 C)."""
-        rows, channels = c.shape
-        where = torch.cat([rotation.flatten(1), pixels[:, :3]], 1)
-        query = self._query(c)[0]
-        parts = []
-        for first in range(0, rows, CANDIDATES):
-            part = slice(first, min(first + CANDIDATES, rows))
-            read = self._read(field, where[part])
-            scores = torch.baddbmm(query[part, channels:, None], read, query[part, :channels, None])  # (n, points, 1)
-            parts.append(torch.bmm(scores.softmax(1).transpose(1, 2), read)[:, 0])
-        return torch.cat([c, torch.cat(parts)], 1)
+    def ask(self, g: Graph, rotation: str, pixels: str, draws: int) -> Results:
+        """From rotations (draws * N, 9) and pixels (N, 4) to what the reader wants."""
+        centre = g.add("Slice", pixels, g.constant([0]), g.constant([3]), g.constant([1]))
+        where = g.add("Concat", rotation, g.add("Concat", *[centre] * draws, axis=0), axis=1)
+        return self.reader.ask(g, g.add("Reshape", g.affine(where, self._placement), g.constant([-1, 4])), None)
 
-    def _read(self, field: Field, where: Tensor) -> Tensor:
-        """Features at the control points of grasps [rotation, pixel] (n, 12). (n, points, C)."""
-        n = len(where)
-        if n % self._reader.group:
-            where = torch.cat([where, where.new_zeros(-n % self._reader.group, 12)])
-        return self._reader.read(field, *self._place(where)).view(len(where), self._points, -1)[:n]
+    def mean(self, g: Graph, c: str, read: str, draws: int) -> str:
+        """[c, mean of what was read] (draws * N, 2 C), from c (N, C) and what was read at all control points."""
+        channels = len(self._query.weight)
+        query = g.affine(c, self._query)
+        ask = g.add("Slice", query, g.constant([0]), g.constant([channels]), g.constant([1]))
+        code = g.add("Slice", query, g.constant([channels]), g.constant([channels + self._points]), g.constant([1]))
+        last = g.constant([2])
+        ask, code = (
+            g.add("Concat", *[g.add("Unsqueeze", x, last)] * draws, axis=0) for x in (ask, code)
+        )  # (draws * N, C or points, 1)
+        read = g.add("Reshape", read, g.constant([-1, self._points, channels]))
+        share = g.add("Softmax", g.add("Add", g.add("MatMul", read, ask), code), axis=1)
+        mean = g.add("MatMul", g.add("Transpose", share, perm=[0, 2, 1]), read)
+        own = g.add("Concat", *[c] * draws, axis=0)
+        return g.add("Concat", own, g.add("Reshape", mean, g.constant([-1, channels])), axis=1)
 
 
 def _query(attention: GraspAttention, code: Tensor) -> Affine:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from evg_app.geometry import GRID_SIZE
+from evg_app.grasping.fast.field import lattice_of
 from evg_app.grasping.fast.heads import Place
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
@@ -41,23 +42,20 @@ class EagerHeads:
         """See `Heads`."""
         return self._net.graspness(_features(place), _points(place))[0]
 
-    def width(self, place: Place) -> Tensor:
-        """See `Heads`."""
-        return self._net.width(_features(place), _points(place))[0]
-
-    def rotations(self, place: Place, noise: Tensor, steps: int) -> tuple[Tensor, Tensor]:
+    def grasps(self, place: Place, noise: Tensor, steps: int) -> tuple[Tensor, Tensor, Tensor]:
         """See `Heads`."""
         features, points = _features(place), _points(place)
+        width = self._net.width(features, points)[0]
         if isinstance(self._net, EquiGIGA):
             rotation = self._net.rotation(features, points)
-            return rotation, torch.ones((*rotation.shape[:2], 1), device=rotation.device)
+            return rotation, torch.ones((*rotation.shape[:2], 1), device=rotation.device), width
         context = self._net.rotation_context(features, points)
         candidates = [self._net.sample_from_context(context, noise, steps)] if len(noise) else []
         if self._net.rotation_head is not None:
             candidates.append(from_rows(self._net.regress_from_context(context)))
         rotation = torch.cat(candidates)
         scores = [self._net.grasp_scores(features, points, one[None])[0] for one in rotation]
-        return rotation, torch.stack(scores).sigmoid_()
+        return rotation, torch.stack(scores).sigmoid_(), width
 
 
 def _features(place: Place) -> Features:
@@ -67,4 +65,5 @@ def _features(place: Place) -> Features:
 
 def _points(place: Place) -> Tensor:
     """Shape (1, N, 3)."""
-    return ((place.pixels()[:, :3] + 0.5) / GRID_SIZE - 0.5)[None]
+    pixels = lattice_of(place.side).pixels.to(place.index.device)[place.index, :3]
+    return ((pixels + 0.5) / GRID_SIZE - 0.5)[None]

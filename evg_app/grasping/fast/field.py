@@ -3,6 +3,9 @@
 Points here are pixels: (x, y, z, PIXEL_W) with x = 0 at the centre of voxel 0. The fourth makes affine maps linear.
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
 import torch
 import torch.nn.functional as F
@@ -14,8 +17,6 @@ from evg_app.grasping.fast.graph import Graph, Shape
 
 PIXEL_W = 1.5
 """Fourth number of a pixel: its whole part is 1, what is left is 0.5."""
-GROUP = 8
-"""Points whose corners one row of a matrix product holds where each is read alone."""
 _AXES = ((0, 1), (0, 2), (1, 2))
 """Coordinates (row, column) that read the xy, xz and yz plane."""
 _PLANES = ((0,), (1, 2))
@@ -28,27 +29,55 @@ class Field:
     def __init__(self, planes: Tensor) -> None:
         self.channels = planes.shape[-1]
         self.table = planes.reshape(-1, self.channels)
-        self._lattices = {GRID_SIZE: planes.reshape(3, -1, self.channels)}
+        self._tables = {GRID_SIZE: self.table}
 
-    def at_lattice(self, index: Tensor, side: int) -> Tensor:
-        """Features (N, 2 C) at lattice points, where reading between pixels is reading one, or a mean of whole ones.
+    def lattice(self, side: int) -> Tensor:
+        """The planes' values on a lattice of 40 (voxel centres) or 20 (block centres) points a side. (3 side^2, C)."""
+        if side not in self._tables:
+            p = self.table.view(3, GRID_SIZE, GRID_SIZE, self.channels)
+            total = (p[:, ::2, ::2] + p[:, 1::2, ::2]) + (p[:, ::2, 1::2] + p[:, 1::2, 1::2])
+            self._tables[side] = total.mul_(0.25).view(-1, self.channels)
+        return self._tables[side]
 
-        Args:
-            index: flat indices into the lattice (side, side, side). Shape (N,).
-            side: 40 for voxel centres, 20 for the centres of their 2x2x2 blocks.
-        """
-        planes = self._lattice(side)
-        i, jk = index // (side * side), index % (side * side)
-        j, k = jk // side, jk % side
-        xz = planes[1].index_select(0, i * side + k)
-        return torch.cat([planes[0].index_select(0, i * side + j), xz.add_(planes[2].index_select(0, jk))], 1)
 
-    def _lattice(self, side: int) -> Tensor:
-        """The planes' values on a lattice, flat. (3, side * side, C)."""
-        if side not in self._lattices:
-            full = self._lattices[GRID_SIZE].view(3, side, 2, side, 2, self.channels)
-            self._lattices[side] = full.sum((2, 4)).mul_(0.25).view(3, -1, self.channels)
-        return self._lattices[side]
+@dataclass(frozen=True)
+class Lattice:
+    """Where each point of a lattice is, and where its features are in `Field.lattice`.
+
+    Attributes:
+        rows: of the xy, xz and yz plane. Shape (side^3, 3), int32.
+        pixels: shape (side^3, 4).
+    """
+
+    rows: Tensor
+    pixels: Tensor
+
+
+@lru_cache(maxsize=4)
+def lattice_of(side: int) -> Lattice:
+    """The lattice of `side` points a side."""
+    ijk = np.stack(np.unravel_index(np.arange(side**3), (side,) * 3), -1)
+    rows = [plane * side * side + ijk[:, row] * side + ijk[:, column] for plane, (row, column) in enumerate(_AXES)]
+    step = GRID_SIZE // side
+    pixels = np.full((side**3, 4), PIXEL_W, dtype=np.float32)
+    pixels[:, :3] = step * ijk + 0.5 * (step - 1)
+    return Lattice(torch.from_numpy(np.stack(rows, -1).astype(np.int32)), torch.from_numpy(pixels))
+
+
+def lattice_features(g: Graph, channels: int) -> str:
+    """Features (N, 2 C) at lattice points, where reading between pixels is reading one, or a mean of whole ones.
+
+    The graph gets the inputs of `lattice_inputs`: a `Field.lattice` and the points' rows in it.
+    """
+    three = g.add("Reshape", g.add("Gather", "table", "rows", axis=0), g.constant([-1, 3 * channels]))
+    one, none = torch.eye(channels), torch.zeros(channels, channels)
+    both = torch.cat([torch.cat([one, none], 1), torch.cat([none, one], 1), torch.cat([none, one], 1)])
+    return g.add("MatMul", three, g.constant(both))
+
+
+def lattice_inputs(channels: int) -> dict[str, Shape]:
+    """Names and shapes of what `lattice_features` needs."""
+    return {"table": ["r", channels], "rows": ["n", 3]}
 
 
 class Reader:
@@ -61,10 +90,11 @@ class Reader:
 
     Args:
         each: points whose features are summed.
+        group: points whose corners one row of a product holds, a multiple of `each`.
     """
 
-    def __init__(self, each: int) -> None:
-        self.group = GROUP if each == 1 else each
+    def __init__(self, each: int, group: int) -> None:
+        self.group = group
         index: list[Tensor] = []
         row: list[Tensor] = []
         column: list[Tensor] = []

@@ -55,7 +55,7 @@ class Graph:
     def model(self, inputs: Mapping[str, Shape], results: Mapping[str, tuple[str, Shape]]) -> bytes:
         """The finished model, serialised. `results` say which value is given out under a name, and its shape.
 
-        A value whose name begins with "index" is int32, all others are float32.
+        A value whose name begins with "index" or "rows" is int32, all others are float32.
         """
         for name, (result, _) in results.items():
             self.nodes.append(helper.make_node("Identity", [result], [name]))
@@ -63,7 +63,7 @@ class Graph:
         values = [
             [
                 helper.make_tensor_value_info(
-                    name, TensorProto.INT32 if name.startswith("index") else TensorProto.FLOAT, list(shape)
+                    name, TensorProto.INT32 if name.startswith(("index", "rows")) else TensorProto.FLOAT, list(shape)
                 )
                 for name, shape in side.items()
             ]

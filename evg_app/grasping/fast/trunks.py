@@ -1,9 +1,9 @@
-"""Residual heads and the rotation flow as graphs: one call from a point's features to the answer."""
+"""Residual heads and the rotation flow as parts of graphs."""
 
 import torch
 
 from evg_app.grasping.fast.affine import Affine
-from evg_app.grasping.fast.graph import Graph, Native
+from evg_app.grasping.fast.graph import Graph
 from evg_app.nets.flow import RotationFlow
 from evg_app.nets.heads import ConditionedTrunk, Head, ResidualBlock
 
@@ -11,38 +11,34 @@ _TO_ROWS = [0, 2, 4, 1, 3, 5]
 """Where the numbers of row order stand in the order of irreps (`nets.rotation`)."""
 
 
-def head(trained: Head, before: Affine | None = None, to_rows: bool = False) -> Native:
-    """A head after an affine map (None: after nothing), from rows (N, inputs) to answers (N, outputs).
+def head(g: Graph, x: str, trained: Head, before: Affine | None = None, to_rows: bool = False) -> str:
+    """A head after an affine map (None: after nothing), from rows x (N, inputs) to answers (N, outputs).
 
     `to_rows` brings the six numbers of a rotation from the order of irreps into row order.
     """
     context = Affine.of(trained.context)
     context = context if before is None else before.then(context)
-    g, trunk = Graph(), _Trunk(trained.trunk, _in_rows(trained.out) if to_rows else Affine.of(trained.out))
-    seen = g.affine("x", context, relu=True)
+    trunk = _Trunk(trained.trunk, _in_rows(trained.out) if to_rows else Affine.of(trained.out))
+    seen = g.affine(x, context, relu=True)
     net = g.affine(seen, trunk.inject[0])
     for i, inject in enumerate(trunk.inject):
         if i:
             net = g.add("Add", net, g.affine(seen, inject))
         net = trunk.block(g, i, net)
-    out = g.affine(net, trunk.last)
-    model = g.model({"x": ["n", len(context.weight)]}, {"y": (out, ["n", len(trunk.last.bias)])})
-    return Native(model)
+    return g.affine(net, trunk.last)
 
 
-def flow(trained: RotationFlow, before: Affine, draws: int, steps: int) -> Native:
-    """Euler steps of the flow: rows (N, inputs) and noise (draws * N, 6) to six numbers (draws * N, 6), row order."""
-    g = Graph()
+def flow(g: Graph, x: str, noise: str, trained: RotationFlow, before: Affine, draws: int, steps: int) -> str:
+    """Euler steps of the flow: rows x (N, inputs) and noise (draws * N, 6) to six numbers (draws * N, 6), row order."""
     trunk = _Trunk(trained.trunk, _in_rows(trained.out))
     start = Affine.of(trained.start)
     start = Affine(start.weight[_TO_ROWS], start.bias)
-    context = before.then(Affine.of(trained.context))
-    seen = g.affine("x", context, relu=True)
+    seen = g.affine(x, before.then(Affine.of(trained.context)), relu=True)
     prepared = [g.add("Concat", *[g.affine(seen, inject)] * draws, axis=0) for inject in trunk.inject]
     with torch.no_grad():
         code = trained.time(torch.arange(steps, device=trained.time.frequencies.device) / steps).double().cpu()
     times = [code @ Affine.of(layer).weight for layer in trained.inject_time]
-    rows, length = "noise", g.constant(torch.tensor(1.0 / steps))
+    rows, length = noise, g.constant(torch.tensor(1.0 / steps))
     for step in range(steps):
         net = g.add("Add", g.affine(rows, start.shifted(times[0][step])), prepared[0])
         for i in range(len(prepared)):
@@ -50,8 +46,7 @@ def flow(trained: RotationFlow, before: Affine, draws: int, steps: int) -> Nativ
                 net = g.add("Add", net, g.add("Add", prepared[i], g.constant(times[i][step])))
             net = trunk.block(g, i, net)
         rows = g.add("Add", rows, g.add("Mul", g.affine(net, trunk.last), length))
-    model = g.model({"x": ["n", len(context.weight)], "noise": ["m", 6]}, {"rows": (rows, ["m", 6])})
-    return Native(model)
+    return rows
 
 
 class _Trunk:

@@ -1,9 +1,9 @@
-"""A few threads that share a list of pieces of work: no barrier in every operation, and nobody spins while waiting."""
+"""Threads that share the pieces of a plan."""
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from threading import Barrier
 from typing import TypeVar
 
 import torch
@@ -16,10 +16,11 @@ class Workers:
     """Runs a function on pieces of work, each thread taking the next piece when it is done with one.
 
     A thread whose core is busy with something else takes fewer pieces. What is computed does not depend on how many
-    threads there are.
+    threads there are. Torch's own operations stay on the thread that calls them. (Setting torch's number of threads
+    is not for each plan: it makes a pool whose threads spin for 60 ms.)
 
     Args:
-        threads: how many, the caller's included.
+        threads: how many; with one the caller does the work.
     """
 
     def __init__(self, threads: int) -> None:
@@ -32,32 +33,36 @@ class Workers:
         numbers = itertools.count()  # next() of it is atomic
 
         def drain() -> None:
-            with torch.inference_mode(), one_torch_thread():
+            """Take pieces until none is left."""
+            with torch.inference_mode():
                 while (number := next(numbers)) < len(pieces):
                     answers[number] = function(pieces[number])
 
-        helpers = min(self.threads, len(pieces)) - 1
-        if helpers > 0 and self._pool is None:
-            self._pool = ThreadPoolExecutor(self.threads - 1, "evg-plan")
-        futures = [self._pool.submit(drain) for _ in range(helpers)] if self._pool is not None else []
-        drain()
-        for future in futures:
-            future.result()
+        if self.threads == 1 or len(pieces) < 2:
+            drain()
+        else:
+            pool = self._started()
+            for future in [pool.submit(drain) for _ in range(min(self.threads, len(pieces)))]:
+                future.result()
         return [answers[number] for number in range(len(pieces))]
 
+    def _started(self) -> ThreadPoolExecutor:
+        """The threads, all running, torch set to one thread in each; the caller's setting stays."""
+        if self._pool is None:
+            pool, before = ThreadPoolExecutor(self.threads, "evg-plan"), torch.get_num_threads()
+            together = Barrier(self.threads)
 
-@contextmanager
-def one_torch_thread() -> Iterator[None]:
-    """Torch's own operations stay on the calling thread meanwhile."""
-    before = torch.get_num_threads()
-    if before == 1:
-        yield
-        return
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+            def settle() -> None:
+                """Once in each thread. Asking first matters: the first use of torch in a thread sets its number."""
+                together.wait()
+                torch.get_num_threads()
+                torch.set_num_threads(1)
+
+            for future in [pool.submit(settle) for _ in range(self.threads)]:
+                future.result()
+            torch.set_num_threads(before)
+            self._pool = pool
+        return self._pool
 
 
 def pieces(count: int, largest: int) -> list[slice]:
