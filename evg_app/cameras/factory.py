@@ -42,6 +42,7 @@ def open_camera(
     """
 
     def report(cause: str, text: str) -> None:
+        """Pass what the camera goes through on to the sink."""
         if sink is not None:
             sink(Warned(cause, text))
 

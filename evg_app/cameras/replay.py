@@ -91,6 +91,7 @@ class ReplayCamera:
         return replace(frame, stamp=self._clock.now(), frame_id=self._frame_id, number=self._count)
 
     def _next(self) -> Frame:
+        """The next stored frame, from the beginning again when asked to repeat."""
         if self._source is None:
             raise HardwareError(f"{self._name} is not open: use the camera in a `with` block")
         frame, self._ahead = self._ahead or next(self._source, None), None
@@ -113,6 +114,7 @@ def attempt_frames(folder: Path) -> Frames:
         raise BadInput(f"{folder} is neither a .db3 recording nor a folder. Name one of them")
 
     def read() -> Iterator[Frame]:
+        """Frame by frame."""
         for path in sorted(inside.glob("*.npz"), key=lambda p: (p.stat().st_mtime_ns, p.name)):
             frame = _attempt_frame(path)
             if frame is not None:
@@ -149,6 +151,7 @@ def recorded_frames(path: Path, config: CameraConfig, clock: Clock, sdk: Any = N
     config = config.model_copy(update={"realsense": asked})
 
     def read() -> Iterator[Frame]:
+        """Frame by frame."""
         source = Recording(path, real_time=False)
         with RealSenseCamera(config, clock, recording=source, sdk=sdk) as camera:
             while True:

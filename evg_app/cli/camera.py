@@ -43,6 +43,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
+    """Options that several verbs share."""
     parser.add_argument("--camera", default="d435i", metavar="NAME", help="robot_configs/NAME.yaml (default: d435i)")
     parser.add_argument("--serial", default="", metavar="S", help="which of several cameras")
     parser.add_argument("--seconds", type=_seconds, default=10.0, metavar="T", help="how long (default: 10)")
@@ -50,6 +51,7 @@ def _common(parser: argparse.ArgumentParser) -> None:
 
 
 def _seconds(text: str) -> float:
+    """A time from the command line [s]."""
     value = float(text)
     if not 0.1 <= value <= 86400:
         raise argparse.ArgumentTypeError("must be between 0.1 and 86400 seconds")
@@ -167,6 +169,7 @@ def picture(frame: Frame) -> NDArray[np.uint8]:
 
 
 def _write(path: Path, frame: Frame) -> None:
+    """Write a picture whole or not at all."""
     from evg_app.trials.arrays import write_atomically
 
     buffer = io.BytesIO()

@@ -97,6 +97,7 @@ def describe(camera: RealSenseCamera) -> Iterator[Finding]:
 
 
 def _number(version: str) -> tuple[int, ...]:
+    """A version as numbers that compare."""
     return tuple(int(part) for part in version.split(".") if part.isdigit())
 
 

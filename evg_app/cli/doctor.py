@@ -55,6 +55,7 @@ class Finding:
 
 
 def _import_error(module: str) -> str | None:
+    """Why a module cannot be imported, None when it can."""
     try:
         importlib.import_module(module)
     except (ImportError, OSError) as error:
@@ -236,6 +237,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _print(finding: Finding) -> None:
+    """Write a finding for a person."""
     mark = {"ok": "ok   ", "note": "note ", "fault": "FAULT"}[finding.status]
     say(f"{mark}  {finding.check:<18} {finding.detail}")
     if finding.mend:

@@ -15,6 +15,7 @@ REPLAYED_CAMERA = "d435i"
 
 
 def _share(text: str) -> float:
+    """A share of the speed from the command line."""
     value = float(text)
     if not 0 < value <= 1:
         raise argparse.ArgumentTypeError("must be above 0 and at most 1 (share of the configured speed)")

@@ -111,6 +111,7 @@ def guarded_arm(
 
 
 def _guarded(arm: Arm, robot: RobotConfig, wishes: Wishes, kinematics: Kinematics, ask: Ask) -> GuardedArm:
+    """The arm behind the limits that a person set."""
     return GuardedArm(
         arm,
         lambda q: tool_of(robot, kinematics, q)[:, :3, 3],
@@ -130,6 +131,7 @@ def tool_of(robot: RobotConfig, kinematics: Kinematics, q: Array) -> Array:
 def _robot(
     robot: RobotConfig, wishes: Wishes, kinematics: Kinematics, clock: Clock
 ) -> tuple[Arm, Gripper, Clock, Watch, Callable[[], str]]:
+    """Arm, gripper, clock, stop topic and closing report of the wished driver."""
     if wishes.driver == "fci":
         from evg_app.robots.fci.gripper import FciGripper
 
@@ -152,6 +154,7 @@ def open_arm(robot: RobotConfig, wishes: Wishes, kinematics: Kinematics) -> Iter
 
 
 def _camera(wishes: Wishes, config: CameraConfig, clock: Clock, sink: Sink) -> Camera:
+    """The camera, or stored frames."""
     from evg_app.cameras.factory import open_camera, open_replay
 
     if wishes.camera.startswith(REPLAY):

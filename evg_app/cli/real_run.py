@@ -109,6 +109,7 @@ def run_real(
 
 @contextmanager
 def _connected(lab: RealLab, file: Path, stop: StopToken, sink: Sink) -> Iterator[None]:
+    """Devices entered, stops listened to; at the end what the connection was like."""
     with ExitStack() as stack:
         stack.enter_context(entered(lab, sink))
         stack.enter_context(lab.stop_topic(lambda: stop_now(stop)))

@@ -24,6 +24,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 
 def _build(args: argparse.Namespace) -> int:
+    """Build the interface packages."""
     from evg_app.robots.ros2.build import build
 
     build(say, args.force)

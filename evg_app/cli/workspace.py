@@ -124,4 +124,5 @@ def write(path: Path, table: TouchedTable) -> None:
 
 
 def _numbers(table: TouchedTable) -> str:
+    """The origin as YAML."""
     return "[" + ", ".join(f"{v:.4f}" for v in table.origin) + "]"

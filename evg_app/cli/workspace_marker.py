@@ -105,5 +105,6 @@ def _hand(args: argparse.Namespace, robot: RobotConfig, calibration: "Calibratio
 
 
 def _ask(ready: Callable[[str], bool], what: str) -> None:
+    """Wait for a person, who may end here."""
     if not ready(what):
         raise Stopped("stopped before the board was looked at; nothing was changed")

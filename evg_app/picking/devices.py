@@ -90,6 +90,7 @@ def follow(round_: Round, name: str, trajectory: Trajectory, guard: Guard | None
 def _wait(
     round_: Round, handle: MotionHandle, name: str, budget: Budget, timeout: float, guard: Guard | None
 ) -> MotionResult:
+    """Slice by slice, until the motion ends, contact stops it, or time is up."""
     ctx = round_.ctx
     while True:
         result = handle.wait(ctx.settings.slice_s)
@@ -211,6 +212,7 @@ def resting_fingers(round_: Round) -> GripperState:
 
 
 def _gripper_moved(round_: Round, command: str, result: GripperResult, start: float) -> None:
+    """Tell the listeners about a gripper command that ended."""
     ctx = round_.ctx
     seconds = measured(ctx.devices.clock, start, ctx.robot.gripper.timeout_s)
     round_.now.motion_s += seconds

@@ -43,6 +43,7 @@ def dry_run(ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int, chec
 
 
 def _pass(round_: Round, check: Check) -> None:
+    """One dry pass: look, plan, judge, check."""
     round_.emit(RoundStarted(round_.seed, round_.index, round_.objects))
     round_.start_attempt()
     reason, detail = StopReason.ERROR, "a device failed"

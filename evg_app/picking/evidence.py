@@ -85,6 +85,7 @@ def judge(signs: Signs, gripper: GripperModel, rule: EvidenceModel) -> Judgement
 
 
 def _mm(width: float) -> str:
+    """An opening in words."""
     return f"{width * 1e3:.1f} mm"
 
 
@@ -120,6 +121,7 @@ def conclude_signs(round_: Round) -> None:
 
 
 def _look(round_: Round, rule: EvidenceModel) -> None:
+    """Take one more image and compare the place with before."""
     attempt, ctx = round_.now, round_.ctx
     if attempt.frame is None or attempt.q is None or attempt.decision is None or attempt.decision.pick is None:
         return

@@ -167,6 +167,7 @@ def look_pose(round_: Round) -> Array:
 
 
 def _along(round_: Round, state: State, trajectory: Trajectory) -> Moved:
+    """Follow a trajectory in this state."""
     round_.now.stage = state
     return _ended(round_, follow(round_, state, trajectory))
 

@@ -75,6 +75,7 @@ def run_round(ctx: Context, emitter: Emitter, seed: int, index: int, objects: in
 
 
 def _drive(round_: Round) -> StopReason:
+    """From state to state until one leads to a reason."""
     state: State | StopReason = START
     supervise.hold(round_, START)
     if round_.ctx.stop.soft:
@@ -118,6 +119,7 @@ def halt(round_: Round) -> None:
 
 
 def _finish(round_: Round, reason: StopReason, interrupted: bool) -> RoundResult:
+    """Close the pass and the round, and tell."""
     with round_.ctx.stop.shielded():
         score.conclude(round_, reason, interrupted)
         detail = round_.detail if reason is StopReason.ERROR else ""

@@ -36,6 +36,7 @@ class PlannedMotion:
             return None
 
     def _scene(self, view: View) -> SceneView:
+        """What motion is judged against."""
         return SceneView(view.tsdf, view.volume, self._boxes)
 
 

@@ -71,6 +71,7 @@ def healthy_frame(round_: Round, q: Array) -> Frame:
 
 
 def _capture(round_: Round) -> Frame:
+    """One frame, timed."""
     clock, timeout = round_.ctx.devices.clock, round_.ctx.camera.frame_timeout_s
     start = clock.now()
     try:

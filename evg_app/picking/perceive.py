@@ -97,6 +97,7 @@ class TablePerception:
         return rescale(frame, fit_table(frame, self._T_cam_task(q)).scale) if self._table_is_ruler else frame
 
     def _T_cam_task(self, q: Array) -> Array:
+        """The task frame in the camera. Shape (4, 4)."""
         return np.asarray(invert(self.T_base_cam(q)) @ self._T_base_task)
 
 

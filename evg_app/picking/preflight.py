@@ -33,6 +33,7 @@ def check_depth(ctx: Context, refuse: bool = True) -> RunHealth:
 
 
 def _judge(ctx: Context) -> RunHealth:
+    """Take one frame, judge it, and tell."""
     clock, perception = ctx.devices.clock, ctx.perception
     q = ctx.devices.arm.state().q
     frame = ctx.devices.camera.capture(after=clock.now(), timeout=ctx.camera.frame_timeout_s)

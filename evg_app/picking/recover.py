@@ -35,6 +35,7 @@ def recover(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING, Outcome.GIVE_
 
 
 def _recovered(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING]:
+    """Whether an object in the hand still goes to the bin."""
     attempt = round_.now
     round_.emit(Warned("recovered", attempt.fault or attempt.blocked))
     carrying = attempt.closed and not attempt.released
@@ -46,6 +47,7 @@ def _recovered(round_: Round) -> Literal[Outcome.OK, Outcome.HOLDING]:
 
 
 def _give_up(round_: Round, why: str) -> Literal[Outcome.GIVE_UP]:
+    """Keep why, and tell."""
     round_.detail = why
     round_.emit(Warned("gave up", why))
     return Outcome.GIVE_UP

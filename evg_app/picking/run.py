@@ -49,6 +49,7 @@ def run_rounds(
 def _run(
     ctx: Context, rounds: Rounds, seeds: tuple[int, ...], count: int, before: Collection[tuple[int, int]]
 ) -> RunResult:
+    """The rounds, and one `RunFinished` whatever happens."""
     emitter = Emitter(ctx.sink, ctx.stop)
     emitter.emit(RunStarted(seeds, count, ctx.planner.name, ctx.planner.weights_sha256))
     done: list[RoundResult] = []
@@ -71,6 +72,7 @@ def _run(
 def _all_rounds(
     ctx: Context, emitter: Emitter, rounds: Rounds, units: Sequence[tuple[int, int]], done: list[RoundResult]
 ) -> None:
+    """Round after round until a stop or an error."""
     for seed, index in units:
         if ctx.stop.soft:
             return

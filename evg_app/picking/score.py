@@ -72,6 +72,7 @@ def _truth(round_: Round, attempt: Attempt) -> bool | None:
 def _outcome(
     round_: Round, attempt: Attempt, reason: StopReason | None, truth: bool | None, interrupted: bool
 ) -> AttemptOutcome:
+    """What the pass counts as."""
     if interrupted:
         return AttemptOutcome.ABANDONED
     if not attempt.began:

@@ -61,5 +61,6 @@ class StopToken:
             signal.signal(signal.SIGINT, previous)
 
     def _interrupted(self, _signal: int, _frame: FrameType | None) -> None:
+        """The signal handler."""
         self.request()
         self.check()

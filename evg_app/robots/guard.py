@@ -129,6 +129,7 @@ class GuardedArm:
             )
 
     def _described(self, name: str, trajectory: Trajectory) -> str:
+        """A motion in one question for a person."""
         start, end = self._tool_path(trajectory.q[[0, -1]])
         way = " to ".join("(" + ", ".join(f"{v:.3f}" for v in point) + ")" for point in (start, end))
         return f"{name}: {trajectory.duration:.1f} s, tool from {way} m. Go?"

@@ -143,5 +143,6 @@ class RealSenseCamera:
                 return ColorImage(color, link.streams.color, shot.stamp, stream.frame_id, self._count)
 
     def _require_entered(self) -> None:
+        """Pass inside a `with` block."""
         if not self._entered:
             raise HardwareError(f"camera '{self._config.name}' is not open: use it in a `with` block")

@@ -163,10 +163,12 @@ class Connection:
             self._clock.sleep(POLL)
 
     def _label(self) -> str:
+        """How messages call it."""
         if self._recording is not None:
             return f"recording {self._recording.path}"
         return f"camera '{self._config.name}'" + (f" ({self._serial})" if self._serial else "")
 
     def _advice(self) -> str:
+        """What to do when no frame comes."""
         slow = "" if self._recording is not None or self._link is None else self._link.info.link_advice()
         return slow or "Run: evg-app doctor --camera"

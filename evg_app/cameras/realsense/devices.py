@@ -61,6 +61,7 @@ def info_of(rs: Any, device: Any) -> CameraInfo:
     """What a device of librealsense says of itself."""
 
     def get(key: Any) -> str:
+        """One field of the device, empty when it has none."""
         return str(device.get_info(key)) if device.supports(key) else ""
 
     fields = rs.camera_info
@@ -132,11 +133,13 @@ def require_any(found: tuple[CameraInfo, ...]) -> tuple[CameraInfo, ...]:
 
 
 def _known(found: tuple[CameraInfo, ...]) -> str:
+    """Which cameras are connected, in words."""
     listed = ", ".join(f"{info.serial} ({info.name})" for info in found)
     return f"connected: {listed or 'none'}"
 
 
 def _absent(found: tuple[CameraInfo, ...]) -> str:
+    """Why a camera may be missing, and what to do."""
     models = seen_on_usb()
     if len(models) > len(found):
         return (

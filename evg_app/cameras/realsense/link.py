@@ -137,6 +137,7 @@ class Link:
         return None
 
     def _in_step(self, frameset: Any) -> bool:
+        """Whether colour and depth are of the same exposure."""
         color = frameset.get_color_frame()
         if not color:
             return False
@@ -144,6 +145,7 @@ class Link:
         return bool(apart <= IN_STEP * self.streams.period)
 
     def _stamp(self, depth: Any) -> float:
+        """When the exposure began, on our clock [s]."""
         own = depth.get_frame_timestamp_domain() == self._rs.timestamp_domain.hardware_clock
         base = Timebase.RECORDED if self._recording else Timebase.DEVICE if own else Timebase.EPOCH
         mapper = self._mappers.setdefault(base, StampMapper(base, self._epoch))  # the first frames may lack global time
@@ -196,10 +198,12 @@ class Link:
             atexit.register(worker.join, EXIT_TIMEOUT)
 
     def _name(self) -> str:
+        """How messages call it."""
         return f"camera {self.info.serial}" if self._recording is None else f"recording {self._recording.path}"
 
 
 def _stop(pipeline: Any) -> None:
+    """Stop a pipeline; one that never ran is none to stop."""
     try:
         pipeline.stop()
     except RuntimeError:
@@ -207,5 +211,6 @@ def _stop(pipeline: Any) -> None:
 
 
 def _key(frameset: Any) -> tuple[int, float]:
+    """Number and time stamp of a frameset's depth."""
     depth = frameset.get_depth_frame()
     return int(depth.frame_number), float(depth.timestamp)

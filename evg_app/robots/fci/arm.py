@@ -95,10 +95,12 @@ class FciArm:
         return ArmState(now.stamp, now.q, now.dq, mode, self._error_names(now), now.wrench)
 
     def _error_names(self, now: Snapshot) -> tuple[str, ...]:
+        """Names of the errors whose bits are set."""
         names = () if self.process.facts is None else self.process.facts.error_names
         return tuple(name for k, name in enumerate(names) if now.errors >> k & 1)
 
     def _snapshot(self) -> Snapshot:
+        """The latest state, if it is fresh; see `state` for what it raises."""
         self.process.running()
         now = self.process.block.read()
         if now is None or time.monotonic() - now.stamp > STALE_S:
@@ -143,6 +145,7 @@ class FciArm:
         return self._motion
 
     def _require_ready(self, trajectory: Trajectory) -> None:
+        """Pass when this trajectory may be sent now; see `execute` for what it raises."""
         if self._motion is not None:
             raise HardwareError("the arm is still moving; cancel the motion under way and wait for it first")
         state = self.state()
@@ -184,6 +187,7 @@ class FciArm:
             self.process.take(0.02)
 
     def _finish(self, ended: Ended) -> None:
+        """Settle the motion under way, if it is this one that ended."""
         if self._motion is not None and self._motion.number == ended.motion:
             self._motion.finish(ended)
             self._motion = None

@@ -39,6 +39,7 @@ class Envelope:
 
 
 def _seven(*values: float) -> Array:
+    """Seven numbers as an array that nobody changes."""
     array = np.array(values if len(values) == 7 else values * 7, dtype=np.float64)
     array.setflags(write=False)
     return array
@@ -93,6 +94,7 @@ def check(envelope: Envelope, q: Array, names: tuple[str, ...]) -> None:
 
 
 def _compare(names: tuple[str, ...], quantity: str, value: Array, limit: Array) -> None:
+    """Refuse the sample that exceeds its limit most."""
     limit = np.broadcast_to(limit, value.shape)
     excess = np.abs(value) - limit
     row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)

@@ -43,6 +43,7 @@ class FciGripper:
         self._leave()
 
     def _connect(self) -> None:
+        """Start the hand's process and wait for its first reading."""
         self._worker = Worker("hand", main, (self._host,), Leave())
         self._busy = False
         self._first = self._answer("the hand to answer", CONNECT_TIMEOUT)
@@ -61,11 +62,13 @@ class FciGripper:
         return self._first is not None and self._first.max_width < 0.75 * self._max_width
 
     def _leave(self) -> None:
+        """End the process; a command that blocks it is not waited for."""
         if self._worker is not None:
             self._worker.end(QUICK_END_S if self._busy else 3.0)
             self._worker = None
 
     def _answer(self, what: str, timeout: float) -> Gripped:
+        """What the hand says, or why it cannot: named `what`, within `timeout` [s]."""
         if self._worker is None:
             raise HardwareError("the hand is not connected; enter it first")
         advice = "Is the hand plugged in and set as end effector in Desk?"
@@ -141,4 +144,5 @@ class FciGripper:
 
     @staticmethod
     def _result(answer: Gripped) -> GripperResult:
+        """A command's end, in the protocol's words."""
         return GripperResult(answer.success, answer.width, answer.message)

@@ -51,6 +51,7 @@ def _carry_out(gripper: Any, request: Grip, refusals: tuple[type[Exception], ...
 
 
 def _read(gripper: Any, success: bool, message: str = "") -> Gripped:
+    """The hand's state now, with the verdict of the command before it."""
     state = gripper.read_once()
     return Gripped(
         success,

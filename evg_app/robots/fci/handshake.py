@@ -63,6 +63,7 @@ def differences(robot: RobotConfig, before: Facts, after: Facts, tool_pose: Tool
 
 
 def _masses(fci: FciModel, facts: Facts) -> list[Finding]:
+    """What differs in the masses of hand and load."""
     found = []
     if abs(facts.m_ee - fci.hand_mass_kg) > MASS_TOLERANCE_KG:
         text = f"the controller was told of a hand of {facts.m_ee:.2f} kg, the config says {fci.hand_mass_kg:.2f} kg"
@@ -86,10 +87,12 @@ def require(found: list[Finding]) -> tuple[str, ...]:
 
 
 def _same(a: Array, b: Array) -> bool:
+    """Whether two frames agree within the tolerances."""
     apart = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
     return apart < FRAME_TOLERANCE_M and float(rotation_angle(a[:3, :3], b[:3, :3])) < FRAME_TOLERANCE_RAD
 
 
 def _apart(a: Array, b: Array) -> str:
+    """How far two frames are apart, in words."""
     turned = np.rad2deg(float(rotation_angle(a[:3, :3], b[:3, :3])))
     return f"{np.linalg.norm(a[:3, 3] - b[:3, 3]) * 1e3:.1f} mm and {turned:.1f} degrees"

@@ -63,6 +63,7 @@ def main(pipe: Connection, block: StateBlock, orders: Orders, options: Options) 
 
 
 def _connect(pipe: Connection, block: StateBlock, orders: Orders, options: Options) -> "Link | None":
+    """Connect and say so; None after a refusal, which is passed on."""
     try:
         import pylibfranka
     except ImportError as error:
@@ -134,6 +135,7 @@ class Link:
         )
 
     def _bits(self, errors: Any) -> int:
+        """Active errors, one bit each."""
         return sum(1 << k for k, name in enumerate(self._error_names) if getattr(errors, name))
 
     def facts(self) -> Facts:
@@ -171,9 +173,11 @@ class Link:
                 return
 
     def _alive(self) -> bool:
+        """Whether the application still lives."""
         return os.getppid() == self._parent
 
     def _answer(self, request: object) -> None:
+        """Carry out one request; what the controller refuses is passed on."""
         try:
             if isinstance(request, Execute):
                 self._execute(request)
@@ -190,6 +194,7 @@ class Link:
             self._pipe.send(Failed(type(error).__name__, str(error)))
 
     def _configure(self, request: Configure) -> None:
+        """Set frame, load and thresholds, and let them show in the states."""
         if request.NE_T_EE is not None:
             self._robot.set_EE(request.NE_T_EE.ravel(order="F").tolist())
         inertia = np.diag([1e-3 * request.load_mass_kg] * 3).ravel().tolist()
@@ -200,6 +205,7 @@ class Link:
             self.publish(self._robot.read_once())
 
     def _execute(self, request: Execute) -> None:
+        """Stream one motion to its end, and say how it ended."""
         profile = Profile(request.q, request.dq, request.ddq, request.dt)
         lost, received = self._lost, self._received
         control = self._robot.start_joint_position_control(self._library.ControllerMode.JointImpedance)
@@ -248,6 +254,7 @@ class Link:
             period = duration.to_sec()
 
     def _why_stop(self, motion: int, cycle: int) -> str:
+        """Why the motion must brake now, or empty."""
         if self._orders.cancelled(motion):
             return "cancelled"
         if cycle % CHECK_EVERY == 0:

@@ -90,6 +90,7 @@ class Worker:
         self.connection.close()
 
     def _gone(self) -> HardwareError:
+        """The error for a process that has ended."""
         self.process.join(0.5)
         return HardwareError(
             f"the {self._name} process ended unexpectedly (exit code {self.process.exitcode}); the robot's controller "

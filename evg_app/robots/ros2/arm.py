@@ -66,9 +66,11 @@ class Ros2Arm(Ros2Device):
 
     @property
     def _clock(self) -> Clock:
+        """Of all stamps and waits."""
         return self._link.clock
 
     def _open(self) -> None:
+        """Subscribe to the state; make the recovery's clients and the way for trajectories."""
         setting = network()
         self.warnings = (str(setting), *setting.notes)
         self._reader.subscribe(self._link)
@@ -88,10 +90,12 @@ class Ros2Arm(Ros2Device):
         self._client = self._link.call(lambda: ActionClient(node, action, config.arm_action), what)
 
     def _missing(self) -> list[str]:
+        """The controller and the topics that are not there."""
         missing = [] if self._serves() else [self._config.arm_action if self._client else self._config.arm_topic]
         return missing + [feed.topic for feed in self._reader.feeds() if not feed.fresh]
 
     def _serves(self) -> bool:
+        """Whether somebody takes trajectories."""
         if self._client is not None:
             return bool(self._client.server_is_ready())
         return self._publisher is not None and self._publisher.get_subscription_count() > 0
@@ -101,6 +105,7 @@ class Ros2Arm(Ros2Device):
         return sorted(set(self._link.node.get_node_names()) - {self._link.node.get_name()})
 
     def _not_found(self, missing: list[str]) -> str:
+        """What to say about who is missing."""
         self._link.wait_until(lambda: bool(self._other_nodes()), NODES_S)
         seen = self._other_nodes()
         others = f"nodes seen: {', '.join(seen)}" if seen else "no other node is seen at all: same domain?"
@@ -110,14 +115,17 @@ class Ros2Arm(Ros2Device):
         )
 
     def _served(self) -> list[str]:
+        """The trajectory action, where it is used."""
         return [] if self._client is None else [self._config.arm_action]
 
     def _halt(self) -> None:
+        """Cancel the motion under way."""
         motion, self._motion = self._motion, None
         if motion is not None:
             motion.cancel()
 
     def _close(self) -> None:
+        """Give subscriptions and clients back."""
         self._reader.unsubscribe(self._link)
         if self._recovery is not None:
             self._recovery.close()
@@ -158,6 +166,7 @@ class Ros2Arm(Ros2Device):
         return self._motion
 
     def _require_ready(self, state: ArmState) -> None:
+        """Pass when the arm may take a motion; see `execute` for what it raises."""
         if self._motion is not None and self._motion.lost:
             raise HardwareError("contact to the arm was lost during a motion; recover() first")
         if self._motion is not None:
@@ -168,6 +177,7 @@ class Ros2Arm(Ros2Device):
             )
 
     def _send(self, trajectory: Trajectory) -> Carrier:
+        """Hand a trajectory to the controller, over its action or its topic."""
         config = self._config
         message = joint_trajectory(self._names, trajectory)
         if self._client is None:
@@ -181,6 +191,7 @@ class Ros2Arm(Ros2Device):
         return ActionCarrier(goal, config, self._clock)
 
     def _publish(self, message: Any) -> None:
+        """Put a trajectory on the controller's topic."""
         self._link.call(lambda: self._publisher.publish(message), f"a trajectory to leave for {self._config.arm_topic}")
 
     def _brake(self) -> None:
@@ -193,6 +204,7 @@ class Ros2Arm(Ros2Device):
         self._publish(braking(self._names, state.q, state.dq, limits * self._robot.limits.acceleration_scale))
 
     def _finished(self, motion: Ros2Motion) -> None:
+        """A motion has ended; the arm is free for the next."""
         if self._motion is motion:
             self._motion = None
 
@@ -219,16 +231,19 @@ class Ros2Arm(Ros2Device):
             self._motion.abandon()
 
     def _refuse_user_stop(self) -> None:
+        """Raise when a person holds the user stop."""
         with contextlib.suppress(DeviceTimeout):
             if self.state().mode is ArmMode.USER_STOPPED:
                 raise HardwareError("the user stop is pressed. Release it; then start the run again")
 
     def _idle(self) -> bool:
+        """Whether the arm is well, served by one controller, and at rest."""
         if not (self._reader.healthy() and self._serves() and self._alone()):
             return False
         return float(np.abs(self._reader.read(moving=False).dq).max(initial=0.0)) < self._config.rest_rad_s
 
     def _alone(self) -> bool:
+        """Whether not more than one controller answers."""
         return self._client is None or servers(self._link, self._config.arm_action) <= 1
 
     def _unwell(self) -> str:

@@ -89,6 +89,7 @@ def _generators() -> Path:
 
 
 def _tool(name: str) -> str:
+    """Path of a build tool, beside this Python or in the system."""
     beside = Path(sys.prefix) / "bin" / name
     found = str(beside) if beside.is_file() else shutil.which(name)
     if found is None:
@@ -110,6 +111,7 @@ def _mend(prefix: Path) -> None:
 
 
 def _build_one(package: str, scratch: Path, prefix: Path, target: Path, tools: dict[str, str]) -> None:
+    """Generate, compile and install one package."""
     source = scratch / package
     shutil.copytree(DEFINITIONS / package, source)
     uses = DEPENDENCIES[package]
@@ -133,6 +135,7 @@ def _build_one(package: str, scratch: Path, prefix: Path, target: Path, tools: d
 
 
 def _run(command: list[str], package: str, environment: dict[str, str]) -> None:
+    """Run a build step; its output only when it fails."""
     try:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     except subprocess.TimeoutExpired as error:

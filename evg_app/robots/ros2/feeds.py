@@ -75,6 +75,7 @@ class Feed:
         self._latest, self._decoded, self._offset = None, None, ClockOffset()
 
     def _hear(self, message: bytes) -> None:
+        """Keep a message that carries what is looked for."""
         if all(mark in message for mark in self._marks):
             self._latest = message, self._offset.local(header_stamp(message), self._clock.now())
 
@@ -102,6 +103,7 @@ class Feed:
         return self._decode(latest[0]), latest[1]
 
     def _decode(self, message: bytes) -> Any:
+        """The message as an object; decoded once."""
         decoded = self._decoded
         if decoded is None or decoded[0] is not message:
             from rclpy.serialization import deserialize_message

@@ -54,13 +54,16 @@ class Goal:
             raise HardwareError(f"{self._action} rejected the goal{self._problem}. Run: ros2 topic echo /rosout")
 
     def _send(self, message: Any) -> None:
+        """On the executor's thread: send it."""
         future = self._client.send_goal_async(message, feedback_callback=self._on_feedback)
         future.add_done_callback(self._on_answer)
 
     def _on_feedback(self, message: Any) -> None:
+        """The server works on it."""
         self.feedback, self.heard = message.feedback, self._link.clock.now()
 
     def _on_answer(self, future: Any) -> None:
+        """The server took it, or did not."""
         self.heard = self._link.clock.now()
         try:
             self._handle = future.result()
@@ -76,6 +79,7 @@ class Goal:
         self._answered.set()
 
     def _on_result(self, future: Any) -> None:
+        """The server is done with it."""
         self.heard = self._link.clock.now()
         try:
             answer = future.result()
@@ -85,6 +89,7 @@ class Goal:
         self.ended.set()
 
     def _send_cancel(self) -> None:
+        """On the executor's thread: ask for its end."""
         if self._handle is not None and self._handle.accepted:
             self._handle.cancel_goal_async().add_done_callback(lambda _: self._cancel_answered.set())
 

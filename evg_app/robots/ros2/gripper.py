@@ -62,6 +62,7 @@ class Ros2Gripper(Ros2Device):
         }
 
     def _open(self) -> None:
+        """Subscribe to the fingers and make a client of every action."""
         from rclpy.action import ActionClient
 
         self._feed.subscribe(self._link, interface("sensor_msgs.msg", "JointState"))
@@ -70,16 +71,19 @@ class Ros2Gripper(Ros2Device):
             self._clients[action] = self._link.call(make, f"a client of {action}")
 
     def _missing(self) -> list[str]:
+        """Actions and topics that are not there."""
         missing = [action for action, client in self._clients.items() if not client.server_is_ready()]
         return missing + ([] if self._feed.fresh else [self._feed.topic])
 
     def _not_found(self, missing: list[str]) -> str:
+        """What to say about who is missing."""
         return (
             f"not there after {self._config.server_timeout_s:g} s: {', '.join(missing)}. franka_ros2's fake hardware "
             f"has no gripper actions. Run: {self._config.start_gripper}   or look: evg-app ros check"
         )
 
     def _served(self) -> list[str]:
+        """One action of the hand stands for all."""
         return list(self._clients)[:1]
 
     def _halt(self) -> None:
@@ -88,6 +92,7 @@ class Ros2Gripper(Ros2Device):
             self._goal.cancel(STOP_TIMEOUT)
 
     def _close(self) -> None:
+        """Give subscription and clients back."""
         self._feed.unsubscribe(self._link)
         clients, self._clients = self._clients, {}
         for client in clients.values():
@@ -154,12 +159,14 @@ class Ros2Gripper(Ros2Device):
             raise HardwareError(f"{self._names.command_action} did not confirm the stop. Press the robot's stop button")
 
     def _franka(self, action: str, request: Any, timeout: float) -> GripperResult:
+        """Run an action of franka_msgs, and read the fingers after it."""
         goal = self._run(action, request, timeout)
         result = goal.result
         success = goal.status == SUCCEEDED and bool(getattr(result, "success", False))
         return GripperResult(success, self._width_after(goal), str(getattr(result, "error", "")))
 
     def _command(self, width: float, effort: float, timeout: float, good: Any) -> GripperResult:
+        """Run a GripperCommand to `width` [m]; `good` judges final width and stall."""
         kind = interface("control_msgs.action", "GripperCommand")
         request = kind.Goal()
         request.command.position = width * self._names.position_per_width

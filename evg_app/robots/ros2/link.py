@@ -54,6 +54,7 @@ class Link:
             self._stop()
 
     def _start(self) -> None:
+        """Make the node and its thread."""
         module = rclpy()
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.signals import SignalHandlerOptions
@@ -75,6 +76,7 @@ class Link:
         self._thread.start()
 
     def _spin(self) -> None:
+        """The executor's thread: callbacks, at most so many in a time."""
         window, left = self.clock.now() + WINDOW_S, WINDOW_CALLBACKS
         while not self._ending.is_set():
             try:
@@ -90,6 +92,7 @@ class Link:
                 return
 
     def _stop(self) -> None:
+        """End the thread and free the node."""
         self._ending.set()
         if self._thread is not None:
             self._thread.join(timeout=CALL_TIMEOUT_S)
@@ -131,6 +134,7 @@ class Link:
         box: list[Any] = []
 
         def task() -> None:
+            """Do the work and keep what came of it."""
             try:
                 box.append((work(), None))
             except Exception as error:

@@ -146,6 +146,7 @@ class Ros2Motion:
         return self._result
 
     def _step(self) -> None:
+        """One look: has it ended, and does the arm rest?"""
         state = self._look()
         if self._settling is None:
             ended = self._carrier.ended()
@@ -160,6 +161,7 @@ class Ros2Motion:
             self.end(MotionResult(reached, reason, gap))
 
     def _lose(self) -> None:
+        """Contact is lost: cancel as far as anybody listens."""
         self.lost = True
         self.cancel()
 

@@ -54,6 +54,7 @@ class Recovery:
                 raise type(error)(*_again(error, number, name)) from error
 
     def _plan(self) -> list[tuple[str, Any]]:
+        """The configured steps in their order, by name."""
         plan: list[tuple[str, Any]] = []
         if self._steps.error_recovery_action:
             plan.append((self._steps.error_recovery_action, self._clear_error))
@@ -64,6 +65,7 @@ class Recovery:
         return plan
 
     def _clear_error(self, timeout: float) -> None:
+        """Step 1: the robot's own error recovery."""
         name = self._steps.error_recovery_action
         goal = Goal(self._link, self._client, name)
         goal.send(interface("franka_msgs.action", "ErrorRecovery").Goal(), timeout, f"Run: {self._config.start_arm}")
@@ -72,6 +74,7 @@ class Recovery:
             raise HardwareError(f"{name} did not clear the error. Unlock the robot on its web page (Desk)")
 
     def _activate_hardware(self, timeout: float) -> None:
+        """Step 2: the hardware component becomes active."""
         kind = interface("controller_manager_msgs.srv", "SetHardwareComponentState")
         request = kind.Request(name=self._steps.hardware_component)
         request.target_state.id, request.target_state.label = ACTIVE_ID, ACTIVE
@@ -85,6 +88,7 @@ class Recovery:
             )
 
     def _activate_controllers(self, timeout: float) -> None:
+        """Step 3: the controllers become active."""
         kind = interface("controller_manager_msgs.srv", "SwitchController")
         request = kind.Request(activate_controllers=list(self._steps.controllers), strictness=BEST_EFFORT)
         request.activate_asap = True

@@ -26,10 +26,12 @@ class Service:
         client = link.call(lambda: link.node.create_client(self._kind, self._name), f"a client of {self._name}")
 
         def keep(future: Any) -> None:
+            """Keep the response."""
             box.append(future)
             answered.set()
 
         def ask() -> None:
+            """On the executor's thread: call it."""
             client.call_async(request).add_done_callback(keep)
 
         try:

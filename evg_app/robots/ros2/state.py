@@ -83,6 +83,7 @@ class StateReader:
         return ArmState(stamp, q, dq, mode, errors, self._wrench())
 
     def _condition(self, moving: bool) -> tuple[ArmMode, tuple[str, ...]]:
+        """Mode and active errors as the robot states them."""
         mode = ArmMode.MOVING if moving else ArmMode.IDLE
         if not self.robot.topic:
             return mode, ()

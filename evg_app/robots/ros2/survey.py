@@ -91,6 +91,7 @@ def _seen(link: Link) -> set[str]:
     """Names of everything that somebody else publishes or serves."""
 
     def ask() -> set[str]:
+        """Look at the graph, on the executor's thread."""
         node: Any = link.node
         topics = {name for name, _ in node.get_topic_names_and_types() if node.count_publishers(name)}
         services = {name for name, _ in node.get_service_names_and_types()}
