@@ -23,12 +23,18 @@ FROM attempts a JOIN rounds r ON r.run_id = a.run_id AND r.seed = a.seed AND r.r
 WHERE a.outcome IS NOT NULL AND r.superseded = 0 ORDER BY a.rowid
 """
 _LABELS = "SELECT attempt_id, success, source FROM labels ORDER BY rowid"
-_COUNTED = """
-FROM verdicts v JOIN attempts a ON a.attempt_id = v.attempt_id
-JOIN rounds r ON r.run_id = a.run_id AND r.seed = a.seed AND r.round_index = a.round_index WHERE r.superseded = 0
+_ATTEMPTS = """
+SELECT a.attempt_id FROM attempts a
+JOIN rounds r ON r.run_id = a.run_id AND r.seed = a.seed AND r.round_index = a.round_index WHERE r.superseded
 """
-_VERDICTS = f"SELECT v.verdict, SUM(v.candidates) {_COUNTED} GROUP BY v.verdict ORDER BY 2 DESC, 1"
-_REFUSED = f"SELECT v.attempt_id, v.verdict, v.candidates {_COUNTED} AND a.outcome = ?"
+_VERDICTS = f"""
+SELECT verdict, SUM(candidates) FROM verdicts WHERE attempt_id NOT IN ({_ATTEMPTS} = 1)
+GROUP BY verdict ORDER BY 2 DESC, 1
+"""
+_REFUSED = f"""
+SELECT attempt_id, verdict, candidates FROM verdicts
+WHERE attempt_id IN ({_ATTEMPTS} = 0 AND a.outcome = ?) ORDER BY rowid
+"""
 _STAGES = "SELECT attempt_id, stage, wall_ms FROM stages ORDER BY rowid"
 
 
