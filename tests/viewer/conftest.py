@@ -1,6 +1,7 @@
-"""Makes `browser` importable."""
+"""Makes `browser` and `picking_fakes` importable."""
 
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
+for folder in (Path(__file__).parent, Path(__file__).parents[1] / "picking"):
+    sys.path.insert(0, str(folder))

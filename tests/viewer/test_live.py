@@ -5,8 +5,12 @@ import time
 
 import numpy as np
 import pytest
+from picking_fakes import Lab
 
 from evg_app.events import AttemptFinished, AttemptOutcome, AttemptStarted, Evidence, GraspsPlanned, StateEntered
+from evg_app.trials.recorder import Recorder
+from evg_app.trials.rows import read_rows
+from evg_app.trials.statistics import rate
 from evg_app.types import Grasps
 from evg_app.viewer.live import LiveView
 
@@ -67,4 +71,27 @@ def test_a_window_that_breaks_is_logged_once_and_forgotten(caplog):
 def test_what_is_no_event_is_no_harm(event):
     live = LiveView(lambda _moment: None)
     live(event)
+    live.close(PATIENCE)
+
+
+def test_a_label_is_about_the_last_executed_grasp_and_is_kept_in_the_log(tmp_path):
+    lab = Lab(script="SFF", objects=2)
+    moments = []
+    with Recorder(tmp_path / "run", {}, {}) as recorder:
+        live = LiveView(moments.append, tmp_path / "run")
+        assert "no grasp" in live.label(True)
+        lab.listeners += [recorder, live]
+        lab.run()
+        assert "kept" in live.label(True)
+    live.close(PATIENCE)
+    rows = read_rows(tmp_path / "run")
+    last = [row["attempt_id"] for row in rows.passes if row["counts"]][-1]
+    assert rows.labels[last].success is True and not rows.labels[last].asked
+    assert f"GSR {rate(rows.gsr_counts.k, rows.gsr_counts.n)}" in moments[-1].counts
+
+
+def test_a_label_that_cannot_be_kept_is_said(tmp_path):
+    live = LiveView(lambda _moment: None, tmp_path / "nowhere")
+    live(AttemptFinished("a", AttemptOutcome.FAILURE, False, None, "slipped", Evidence(), 1.0, 1.0))
+    assert "not kept" in live.label(True)
     live.close(PATIENCE)
