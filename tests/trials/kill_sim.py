@@ -41,6 +41,11 @@ class Rehearsed:
         self.robot, self.camera = load_robot("panda"), load_camera("d435i")
         self.planner, self.motion = load_planner("antipodal"), MotionPlanner(self.robot)
         self.lab: SimLab = build_lab(self.robot, self.camera, load_world("packed"), None, False, None)
+        self._set: list[int | None] = [self.lab.rounds.prepare(0, 0)]
+
+    def prepare(self, round_index: int, seed: int) -> int | None:
+        """The table is set once, before all kills; a run that comes to another round sets it anew."""
+        return self._set.pop() if self._set else self.lab.rounds.prepare(round_index, seed)
 
     def run(self, folder: Path, told: int, seed: int) -> None:
         """A run of many rounds; events (".") and finished attempts are told to the parent, the log served between."""
@@ -58,7 +63,7 @@ class Rehearsed:
         with Recorder(folder, {}, {}, film, False) as recorder, lab.camera, lab.arm, lab.gripper:
             sink = fan_out(tell, recorder, finished)
             ctx = loop_context(lab, self.robot, self.camera, self.planner, self.motion, sink, film)
-            run_rounds(ctx, lab.rounds, (seed,), 1000)
+            run_rounds(ctx, self, (seed,), 1000)
 
 
 def kill_once(rehearsed: Rehearsed, folder: Path, seed: int, events: int, later: float) -> list[str]:
