@@ -73,12 +73,13 @@ def solve(geometry: FrankaGeometry, T_base_hand: Array, q7: Array) -> Array:
     across = np.where(np.abs(across) > _EPS, across, np.nan)
     q6 = np.arctan2(ux, uy) + _angle(along / np.maximum(np.hypot(ux, uy), _EPS)) * [1.0, -1.0]
     c6, s6 = np.cos(q6), np.sin(q6)
-    x4 = np.stack(np.broadcast_arrays((ux - along * s6) / across, (uy - along * c6) / across, uz / across), axis=-1)
-    z5 = np.stack([s6, c6, np.zeros_like(c6)], axis=-1)
-    q5 = np.arctan2(x4[..., 2], c6 * x4[..., 0] - s6 * x4[..., 1])
-    c4, s4 = c4[..., None], s4[..., None]
-    in_frame_6 = np.concatenate([x4 * c4 - z5 * s4, x4 * s4 + z5 * c4], axis=1).reshape(len(q7), -1, 3)
-    x3, z3 = (in_frame_6 @ axes6.transpose(0, 2, 1)).reshape(len(q7), 2, 2, 2, 3).swapaxes(0, 1)
+    x4 = (ux - along * s6) / across, (uy - along * c6) / across, uz / across
+    q5 = np.arctan2(x4[2], c6 * x4[0] - s6 * x4[1])
+    in_frame_6 = np.empty((len(q7), 2, 2, 2, 3))
+    for k, z5 in enumerate((s6, c6, 0.0)):
+        in_frame_6[:, 0, ..., k] = x4[k] * c4 - z5 * s4
+        in_frame_6[:, 1, ..., k] = x4[k] * s4 + z5 * c4
+    x3, z3 = (in_frame_6.reshape(len(q7), 8, 3) @ axes6.swapaxes(1, 2)).reshape(in_frame_6.shape).swapaxes(0, 1)
     q1, q2, q3 = _shoulder(x3, z3)
     q = np.empty((len(q7), 2, 2, 2, 7))
     for joint, value in ((3, q4), (4, q5), (5, q6), (6, q7[:, None, None])):

@@ -105,21 +105,15 @@ class Kinematics:
 
     def frames(self, q: Array) -> Array:
         """Frames of the base and the seven joints in the base frame. Shapes (N, 7) -> (N, 8, 4, 4)."""
-        T = np.zeros((len(q), 8, 4, 4))
-        T[:, :, 3, 3] = 1.0
-        T[:, 0, [0, 1, 2], [0, 1, 2]] = 1.0
-        c, s = np.cos(q), np.sin(q)
-        R, p = np.tile(np.eye(3), (len(q), 1, 1)), np.zeros((len(q), 3))
-        for j, P in enumerate(self._placements):
-            rows = R.reshape(-1, 3)
-            p = p + (rows @ P[:3, 3]).reshape(-1, 3)
-            M = (rows @ P[:3, :3]).reshape(-1, 3, 3)
-            cj, sj = c[:, j, None], s[:, j, None]
-            R = np.empty_like(M)
-            R[:, :, 0] = M[:, :, 0] * cj + M[:, :, 1] * sj
-            R[:, :, 1] = M[:, :, 1] * cj - M[:, :, 0] * sj
-            R[:, :, 2] = M[:, :, 2]
-            T[:, j + 1, :3, :3], T[:, j + 1, :3, 3] = R, p
+        P, c, s = self._placements, np.cos(q)[..., None], np.sin(q)[..., None]
+        turned = np.empty((len(q), 7, 4, 4))
+        turned[..., 0] = P[:, :, 0] * c + P[:, :, 1] * s
+        turned[..., 1] = P[:, :, 1] * c - P[:, :, 0] * s
+        turned[..., 2:] = P[:, :, 2:]
+        T = np.empty((len(q), 8, 4, 4))
+        T[:, 0] = np.eye(4)
+        for j in range(7):
+            np.matmul(T[:, j], turned[:, j], out=T[:, j + 1])
         return T
 
     def fk_hand(self, q: Array) -> Array:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from evg_app.config.models import RobotConfig
 from evg_app.errors import BadInput
@@ -183,6 +184,8 @@ def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
         return scene
     index, centers = _solid_voxels(volume, ~volume.observed & ~volume.occupied, table, arm)
     inside = _in_cube(centers, T_base_task, view.tsdf.size)
+    lowest = table.height(centers) <= TABLE_BAND + 1.5 * volume.voxel_size
+    inside[inside] = _standing(index[inside], occupied, lowest[inside])
     occupied[tuple(index[inside].T)] = True
     both = DistanceField(occupied, volume.origin, volume.voxel_size)
     return dataclasses.replace(scene, unseen=centers[inside], unseen_field=both)
@@ -215,6 +218,26 @@ def _solid_voxels(
     index, centers = index[raised], centers[raised]
     real = ~_near(centers, arm)
     return index[real], centers[real]
+
+
+def _standing(index: NDArray[np.int64], occupied: Flags, lowest: Flags) -> Flags:
+    """Which unseen voxels hang together with the table or something seen: nothing floats in what the camera missed.
+
+    Args:
+        index: of the unseen voxels that are not the table's. Shape (U, 3).
+        occupied: bool (X, Y, Z).
+        lowest: whether the voxel under each is the table's. Shape (U,).
+    """
+    if len(index) == 0:
+        return np.zeros(0, dtype=np.bool_)
+    first = np.maximum(index.min(axis=0) - 1, 0)
+    part = occupied[tuple(slice(a, b) for a, b in zip(first, index.max(axis=0) + 2, strict=True))]
+    unseen = np.zeros(part.shape, dtype=np.bool_)
+    here = tuple((index - first).T)
+    unseen[here] = True
+    label, _ = ndimage.label(unseen | part, structure=np.ones((3, 3, 3)))
+    held_up = np.unique(np.concatenate([label[part], label[here][lowest]]))
+    return np.isin(label[here], held_up)
 
 
 def _in_cube(points: Array, T_base_task: Array, size: float) -> Flags:

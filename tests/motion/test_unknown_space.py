@@ -40,8 +40,8 @@ def test_what_was_seen_is_judged_alike_by_both_policies(planner, careful, make_s
     np.testing.assert_array_equal(a.pick.reach.q, b.pick.reach.q)
 
 
-def test_unseen_space_above_the_target_stops_only_the_careful(planner, careful, shadowed, top_grasp, as_grasps):
-    view = shadowed([CAN], (0.05, 0.05, 0.17), (0.25, 0.25, 0.30))
+def test_unseen_space_around_the_target_stops_only_the_careful(planner, careful, shadowed, top_grasp, as_grasps):
+    view = shadowed([CAN], (0.05, 0.05, 0.05), (0.25, 0.25, 0.30))
     grasps = as_grasps(top_grasp(CAN_TIP))
     assert planner.plan_pick(grasps, view, planner.look_q).verdicts == (Verdict.ACCEPTED,)
     verdict = careful.plan_pick(grasps, view, careful.look_q).verdicts[0]
@@ -56,10 +56,17 @@ def test_a_finger_may_go_into_the_shadow_behind_the_target(careful, shadowed, to
 
 def test_the_hand_may_not_go_there(careful, robot, shadowed, top_grasp):
     T = robot.T_base_task.matrix() @ top_grasp(CAN_TIP)
-    beside = shadowed([CAN], (0.10, 0.10, 0.155), (0.20, 0.20, 0.20))
+    beside = shadowed([CAN], (0.10, 0.10, 0.05), (0.20, 0.20, 0.20))
     scene = careful.prepared(beside, careful.look_q)
     assert len(scene.unseen) > 0
     assert approach_hits(careful._gripper, scene, T, robot.gripper.max_width_m, robot.pregrasp_m)
+
+
+def test_nothing_floats_in_unseen_space_that_hangs_together_with_nothing(careful, shadowed):
+    above = shadowed([CAN], (0.0, 0.0, 0.20), (0.3, 0.3, 0.30))
+    assert len(careful.prepared(above, careful.look_q).unseen) == 0
+    on_the_can = shadowed([CAN], (0.13, 0.13, 0.12), (0.17, 0.17, 0.30))
+    assert len(careful.prepared(on_the_can, careful.look_q).unseen) > 0
 
 
 def test_unseen_space_outside_the_cube_is_free_for_both(planner, careful, shadowed, robot):
