@@ -11,6 +11,7 @@ from typing import Any
 from evg_app.trials import charts
 from evg_app.trials.folder import ATTEMPTS
 from evg_app.trials.provenance import canonical, sha256
+from evg_app.trials.report import by_rounds
 from evg_app.trials.rows import LogRows, key
 from evg_app.trials.statistics import rate
 from evg_app.trials.summary import summarise
@@ -98,12 +99,7 @@ def _result(facts: Mapping[str, Any], rows: LogRows) -> str:
         chart_rows.append(("DR", facts["removed"], facts["objects"]))
     notes = ["Intervals: Wilson, 95 %, attempts counted as independent."]
     if facts["gsr_rounds_ci"] is not None:
-        low, high = (100 * end for end in facts["gsr_rounds_ci"])
-        b_low, b_high = (100 * end for end in facts["gsr_bootstrap_ci"])
-        notes.append(
-            f"With rounds as the units: GSR [{low:.1f}, {high:.1f}] % (Wilson, design effect "
-            f"{facts['design_effect']:.2f}, Student's t); cluster bootstrap [{b_low:.1f}, {b_high:.1f}] %."
-        )
+        notes.append(f"With {by_rounds(facts)}; the first is Wilson's with Student's t.")
     if facts["attempts_still_needed_for_5_percent"]:
         notes.append(f"{facts['attempts_still_needed_for_5_percent']} more attempts for +/- 5 points.")
     return (

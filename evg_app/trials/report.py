@@ -32,18 +32,22 @@ def _results(facts: Mapping[str, Any]) -> list[str]:
         f"   (motion {facts['motion_s']:.1f} s, computing {facts['compute_s']:.1f} s)",
     ]
     if facts["gsr_rounds_ci"] is not None:
-        low, high = (100 * x for x in facts["gsr_rounds_ci"])
-        b_low, b_high = (100 * x for x in facts["gsr_bootstrap_ci"])
-        lines.append(
-            f"        rounds as units, GSR [{low:.1f}, {high:.1f}] % (design effect {facts['design_effect']:.2f}; "
-            f"cluster bootstrap [{b_low:.1f}, {b_high:.1f}])"
-        )
+        lines.append(f"        {by_rounds(facts)}")
     if facts["attempts_still_needed_for_5_percent"]:
         more = facts["attempts_still_needed_for_5_percent"]
         lines.append(f"        {more} more attempts for an interval of +/- 5 points")
     if facts["rounds_begun_again"]:
         lines.append(f"        {facts['rounds_begun_again']} interrupted rounds were begun again and do not count")
     return lines + _operator(facts["operator"])
+
+
+def by_rounds(facts: Mapping[str, Any]) -> str:
+    """The intervals of GSR whose units are rounds."""
+    (low, high), (b_low, b_high) = ([100 * end for end in facts[f"gsr_{name}_ci"]] for name in ("rounds", "bootstrap"))
+    return (
+        f"rounds as units, GSR [{low:.1f}, {high:.1f}] % (design effect {facts['design_effect']:.2f}; "
+        f"cluster bootstrap [{b_low:.1f}, {b_high:.1f}])"
+    )
 
 
 def _operator(facts: Mapping[str, Any] | None) -> list[str]:
