@@ -177,5 +177,8 @@ def test_picks_run_over_the_franka_interface_and_an_unchanged_picture_is_no_succ
         assert facts["attempts"] == 2 and facts["stop_reasons"] == {"two consecutive failures": 1}, said
         assert "object still in its place" in said
         assert (tmp_path / "calibration" / "panda-speed.yaml").exists()
+        devices = json.loads((tmp_path / "run" / "run.json").read_text())["provenance"]["devices"]
+        assert devices["arm"]["driver"] == "fci" and devices["arm"]["pylibfranka"]
+        assert devices["camera"]["driver"] == "replay" and devices["gripper"]["server version"]
     finally:
         peer.close()
