@@ -5,6 +5,7 @@ from typing import Any
 
 from evg_app.trials.reasons import tree_lines
 from evg_app.trials.statistics import rate
+from evg_app.types import Verdict
 
 
 def report(facts: Mapping[str, Any]) -> str:
@@ -36,6 +37,9 @@ def _results(facts: Mapping[str, Any]) -> list[str]:
     if facts["attempts_still_needed_for_5_percent"]:
         more = facts["attempts_still_needed_for_5_percent"]
         lines.append(f"        {more} more attempts for an interval of +/- 5 points")
+    rejected = facts["verdicts"].get(str(Verdict.REJECTED), 0)
+    if rejected:
+        lines.append(f"        a person rejected {rejected} grasps: these are rates of planner and person together")
     if facts["rounds_begun_again"]:
         lines.append(f"        {facts['rounds_begun_again']} interrupted rounds were begun again and do not count")
     return lines + _operator(facts["operator"])

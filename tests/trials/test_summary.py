@@ -10,7 +10,7 @@ from picking_fakes import Lab
 
 from evg_app.cli import trials as verb
 from evg_app.errors import BadInput
-from evg_app.events import AttemptFinished, Judged, RoundStarted
+from evg_app.events import Answer, AttemptFinished, Judged, RoundStarted
 from evg_app.trials import arrays
 from evg_app.trials.recorder import Recorder
 from evg_app.trials.report import report
@@ -194,3 +194,25 @@ def test_the_tree_and_the_bootstrap_are_in_the_summary(tmp_path):
     )
     assert facts["attempts_still_needed_for_5_percent"] > 0 and facts["operator"] is None
     assert "cluster bootstrap" in report(facts)
+
+
+class Picky:
+    """A person who rejects the first grasp of every pass."""
+
+    asks = True
+
+    def may_go_on(self, state, timeout):
+        return True
+
+    def judge(self, offered, timeout):
+        return Answer(offered.index > 0, "too close")
+
+
+def test_rates_with_a_person_who_rejects_grasps_say_so(tmp_path):
+    lab = Lab(script="SS", objects=2, supervisor=Picky())
+    with Recorder(tmp_path / "run", {}, {}) as recorder:
+        lab.listeners.append(recorder)
+        lab.run()
+    facts = summary(tmp_path / "run")
+    assert facts["successes"] == 2 and facts["verdicts"]["rejected by a person"] == 2
+    assert "a person rejected 2 grasps" in report(facts)
