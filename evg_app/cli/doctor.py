@@ -14,7 +14,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from evg_app.cli.console import say
-from evg_app.config.files import cache_folder, load_camera, load_robot, load_world, shipped_folder
+from evg_app.config.cache import cache_folder
+from evg_app.config.files import load_camera, load_robot, load_world, shipped_folder
 from evg_app.errors import EvgError, HardwareError
 
 CORE = ("numpy", "scipy", "torch", "open3d", "pinocchio", "coal", "ruckig", "pybullet", "trimesh", "safetensors")

@@ -1,6 +1,5 @@
 """Finding and reading YAML files: the user's folder first, then the working directory, then what is shipped."""
 
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -142,9 +141,3 @@ def load_camera(name: str, config_dir: Path | None = None) -> CameraConfig:
 def load_world(name: str, config_dir: Path | None = None) -> WorldConfig:
     """The simulated scene of that name."""
     return read(find("scene", "sim/worlds", name, config_dir), WorldConfig)
-
-
-def cache_folder() -> Path:
-    """Where evg-app may keep files it can make again (`XDG_CACHE_HOME`, else `~/.cache`)."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "evg-app"

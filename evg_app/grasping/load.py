@@ -5,11 +5,9 @@ from pathlib import Path
 
 from evg_app.errors import BadInput, UnknownName, WeightsError
 from evg_app.grasping.antipodal import AntipodalPlanner
-from evg_app.grasping.giga import GigaPlanner
 from evg_app.grasping.planner import GraspPlanner, PlannerConfig
 from evg_app.grasping.protocol import Planner
 from evg_app.grasping.random import RandomPlanner
-from evg_app.grasping.vgn import VgnPlanner
 
 LEARNED = ("equiigd", "equigiga")
 """Models that need weights."""
@@ -60,5 +58,8 @@ def _load_published(model: str, weights: str | Path | None, device: str) -> Plan
         raise WeightsError(
             f"the model '{model}' has no shipped weights; give its official .pt file with --weights FILE"
         )
+    from evg_app.grasping.giga import GigaPlanner  # late: they load scipy, which the other models do without
+    from evg_app.grasping.vgn import VgnPlanner
+
     path = Path(weights)
     return GigaPlanner.load(path, device) if model == "giga" else VgnPlanner.load(path, device)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pybullet_data
 
-from evg_app.config.files import cache_folder
+from evg_app.config.cache import cache_folder
 from evg_app.errors import BadInput
 from evg_app.simulation import convex, meshes, shapes, shapes_awkward
 from evg_app.simulation.meshes import Mesh, hull, load_parts, merged, obj_text, volume_and_center

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pybullet
 
-from evg_app.config.files import cache_folder
+from evg_app.config.cache import cache_folder
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import package_folder, resolve
 from evg_app.errors import BadInput

@@ -63,4 +63,4 @@ def _weights(module: nn.Module) -> int:
     if isinstance(module, SideToPlane):  # only the regular part is applied on the plane
         return module.regular**2
     assert isinstance(module, RegularConv2d | LiftAndProject)
-    return module.filter.index.numel()
+    return module.filter.expand().numel()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from evg_app.config.files import cache_folder
+from evg_app.config.cache import cache_folder
 from evg_app.errors import BadInput
 from evg_app.geometry import Array
 from evg_app.types import Intrinsics

@@ -6,15 +6,11 @@ from dataclasses import dataclass
 import torch
 
 from evg_app.benchmark.latency.frames import CAMERA, DEPTH_SCALE, DepthFrame
-from evg_app.grasping.giga import GigaPlanner
 from evg_app.grasping.load import LEARNED, load_planner
 from evg_app.grasping.planner import GraspPlanner, Lap
 from evg_app.grasping.protocol import Planner
-from evg_app.grasping.vgn import VgnPlanner
 from evg_app.grasping.weights import shipped_weights
-from evg_app.nets.giga import GIGA
 from evg_app.nets.registry import build
-from evg_app.nets.vgn import VGN
 from evg_app.perception.tsdf import fuse_depth
 from evg_app.types import Grasps
 
@@ -73,4 +69,9 @@ def _random(model: str, device: str) -> Planner:
         torch.manual_seed(RANDOM_SEED)
         if model in LEARNED:
             return GraspPlanner(build(model), name=model, device=device)
+        from evg_app.grasping.giga import GigaPlanner  # late: not what a first grasp waits for
+        from evg_app.grasping.vgn import VgnPlanner
+        from evg_app.nets.giga import GIGA
+        from evg_app.nets.vgn import VGN
+
         return GigaPlanner(GIGA(), device=device) if model == "giga" else VgnPlanner(VGN(), device=device)

@@ -11,7 +11,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from evg_app.config.files import cache_folder
+from evg_app.config.cache import cache_folder
 from evg_app.errors import BadInput, MissingExtra
 
 DEFINITIONS = Path(__file__).resolve().parent / "interfaces"
