@@ -93,6 +93,7 @@ class Playback:
         return in_window(lifted, gripper) and released is not None and in_window(released, gripper)
 
     def _round(self, attempt: RecordedAttempt, gathered: Gathered) -> Round:
+        """A pass that stands where it was logged, with devices that only know the log."""
         taken, views = frame_of(attempt.stored), views_of(attempt.stored)
         poses = {view.q.tobytes(): view.T_base_cam for view in views} | {taken.q.tobytes(): taken.T_base_cam}
         perception = TablePerception(
@@ -128,9 +129,11 @@ class _LoggedCamera(Unconnected):
 
     @property
     def intrinsics(self) -> Intrinsics:
+        """Of the logged frame."""
         return self._frame.intrinsics
 
     def capture(self, *, after: float, timeout: float) -> Frame:
+        """The logged frame, whenever it is asked for."""
         return self._frame
 
 
@@ -141,12 +144,15 @@ class _LoggedArm(Unconnected):
         self._q, self.joint_names = q, joints
 
     def state(self) -> ArmState:
+        """Where it stood."""
         return ArmState(0.0, self._q, np.zeros_like(self._q), ArmMode.IDLE)
 
     def execute(self, trajectory: Trajectory) -> MotionHandle:
+        """Refused."""
         raise HardwareError("a replay moves nothing")
 
     def recover(self, timeout: float) -> None:
+        """Refused."""
         raise HardwareError("a replay recovers nothing")
 
 
@@ -154,18 +160,23 @@ class _NoGripper(Unconnected):
     """Nothing is gripped in a replay."""
 
     def state(self) -> GripperState:
+        """Refused."""
         raise HardwareError("a replay has no gripper")
 
     def homing(self, timeout: float) -> GripperResult:
+        """Refused."""
         raise HardwareError("a replay has no gripper")
 
     def move(self, width: float, speed: float, timeout: float) -> GripperResult:
+        """Refused."""
         raise HardwareError("a replay has no gripper")
 
     def grasp(
         self, width: float, speed: float, force: float, epsilon_inner: float, epsilon_outer: float, timeout: float
     ) -> GripperResult:
+        """Refused."""
         raise HardwareError("a replay has no gripper")
 
     def stop(self) -> None:
+        """Refused."""
         raise HardwareError("a replay has no gripper")
