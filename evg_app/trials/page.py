@@ -188,6 +188,8 @@ def _pictures(rows: LogRows, chosen: Sequence[sqlite3.Row]) -> str:
         path = rows.folder / ATTEMPTS / f"{row['attempt_id']}.png"
         score = "" if row["score"] is None else f", score {row['score']:.2f}"
         what = row["failure"] or row["outcome"]
+        if rows.success(row) != rows.automatic_success(row):
+            what += f", but {'success' if rows.success(row) else 'failure'} in the words of the operator"
         caption = f"seed {key(row)[1]}, round {key(row)[2]}, attempt {row['attempt_index']}: {what}{score}"
         image = "<p class=note>its picture was not kept</p>"
         if path.is_file():
