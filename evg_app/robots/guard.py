@@ -50,7 +50,7 @@ class GuardedArm:
     ) -> None:
         self._arm, self._tool_path, self._box = arm, tool_path, box
         self._acknowledge, self._step, self._dry = acknowledge, step, dry
-        self._next, self._halted, self._declined = "motion", "", False
+        self._next, self._under_way, self._halted, self._declined = "motion", "", "", False
 
     def listen(self, event: Event) -> None:
         """An event sink: learns the name of the motion that comes next."""
@@ -82,8 +82,13 @@ class GuardedArm:
         self._arm.__exit__(kind, error, trace)
 
     def state(self) -> ArmState:
-        """The arm's state; a protective stop that it shows is remembered."""
-        state = self._arm.state()
+        """The arm's state; a protective stop that it shows is remembered, and so is a state that is lost in a motion."""
+        try:
+            state = self._arm.state()
+        except HardwareError as error:
+            if self._under_way:
+                self.lost(self._under_way, error)
+            raise
         if state.mode in STOPPED_MODES or state.errors:
             self._halted = self._halted or f"mode '{state.mode}', errors: {', '.join(state.errors) or 'none named'}"
         return state
@@ -105,7 +110,9 @@ class GuardedArm:
         self.check(name, trajectory)
         if self._step is not None and not self._step(self._described(name, trajectory)):
             raise Stopped(f"'{name}' was not agreed to; nothing was sent")
-        return GuardedMotion(self, self._arm.execute(trajectory), name)
+        motion = GuardedMotion(self, self._arm.execute(trajectory), name)
+        self._under_way = name
+        return motion
 
     def check(self, name: str, trajectory: Trajectory) -> None:
         """Pass when the tool stays in its box.
@@ -149,7 +156,7 @@ class GuardedArm:
                 "Clear the scene and run the command again"
             )
         self._arm.recover(timeout)
-        self._halted = ""
+        self._under_way = self._halted = ""
 
     def _may_go_on(self) -> bool:
         """Ask once; a no stays a no."""
@@ -163,6 +170,7 @@ class GuardedArm:
 
     def ended(self, result: MotionResult) -> None:
         """Called by a motion when it ends: one that fell short may have been a protective stop."""
+        self._under_way = ""
         if not result.reached:
             self.state()
 

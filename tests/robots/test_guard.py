@@ -156,6 +156,31 @@ def test_cancel_reaches_the_arm():
     assert motion._motion.cancels == 1
 
 
+def test_a_state_that_is_lost_while_the_arm_moves_needs_a_person_and_one_lost_at_rest_does_not():
+    arm, person = Arm(), Person(False)
+    guard, state, fresh = guarded(arm, person), arm.state, [True]
+
+    def seen() -> ArmState:
+        if not fresh[0]:
+            raise DeviceTimeout("/joint_states", 0.5)
+        return state()
+
+    arm.state = seen
+    fresh[0] = False
+    with pytest.raises(DeviceTimeout):
+        guard.state()
+    guard.recover(1.0)
+    assert arm.recoveries == 1
+    fresh[0] = True
+    guard.listen(MotionStarted("approach", 1.0))
+    guard.execute(way(0.6))
+    fresh[0] = False
+    with pytest.raises(DeviceTimeout):
+        guard.state()
+    with pytest.raises(HardwareError, match=r"contact was lost during 'approach'.*nobody let it go on"):
+        guard.recover(1.0)
+
+
 class Vanishing(Motion):
     """Contact is lost while it moves."""
 
