@@ -186,8 +186,9 @@ def prepare(robot: RobotConfig, view: SceneView, arm: list[Capsule]) -> Scene:
     inside = _in_cube(centers, T_base_task, view.tsdf.size)
     lowest = table.height(centers) <= TABLE_BAND + 1.5 * volume.voxel_size
     inside[inside] = _standing(index[inside], occupied, lowest[inside])
-    occupied[tuple(index[inside].T)] = True
-    both = DistanceField(occupied, volume.origin, volume.voxel_size)
+    solid = occupied.copy()
+    solid[tuple(index[inside].T)] = True
+    both = DistanceField(solid, volume.origin, volume.voxel_size)
     return dataclasses.replace(scene, unseen=centers[inside], unseen_field=both)
 
 

@@ -69,6 +69,13 @@ def test_nothing_floats_in_unseen_space_that_hangs_together_with_nothing(careful
     assert len(careful.prepared(on_the_can, careful.look_q).unseen) > 0
 
 
+def test_the_held_object_is_not_checked_against_unseen_space(careful, planner, shadowed, robot):
+    view = shadowed([CAN], (0.12, 0.17, 0.05), (0.18, 0.23, 0.30))
+    fields = [p.prepared(view, p.look_q).field.without(np.zeros((1, 3)), 1.0) for p in (planner, careful)]
+    behind = robot.T_base_task.matrix()[:3, 3] + np.random.default_rng(0).uniform(0.1, 0.3, (50, 3))
+    np.testing.assert_array_equal(fields[0].at(behind), fields[1].at(behind))
+
+
 def test_unseen_space_outside_the_cube_is_free_for_both(planner, careful, shadowed, robot):
     view = shadowed([CAN], (-0.3, -0.3, 0.3), (0.6, 0.6, 0.7))
     for p in (planner, careful):
