@@ -82,7 +82,7 @@ class GuardedArm:
         self._arm.__exit__(kind, error, trace)
 
     def state(self) -> ArmState:
-        """The arm's state; a protective stop that it shows is remembered, and so is a state that is lost in a motion."""
+        """The arm's state; a protective stop that it shows is remembered, and so is one lost in a motion."""
         try:
             state = self._arm.state()
         except HardwareError as error:
