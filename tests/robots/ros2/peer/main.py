@@ -13,8 +13,10 @@ from multiprocessing.connection import Listener
 
 import numpy as np
 import rclpy
+from asked import CONTROLLERS, Asked
 from control_msgs.action import FollowJointTrajectory, GripperCommand
 from controller_manager_msgs.srv import SetHardwareComponentState, SwitchController
+from fingers import Fingers
 from franka_msgs.action import ErrorRecovery, Grasp, Homing, Move
 from franka_msgs.msg import FrankaRobotState
 from hand import Hand
@@ -34,11 +36,10 @@ from evg_app.simulation.panda import external_wrench
 from evg_app.simulation.world import SimRounds, SimWorld
 
 DT = 1.0 / 240.0
-CONTROLLERS = ("joint_state_broadcaster", "franka_robot_state_broadcaster", "panda_arm_controller")
 FINGERS = ("panda_finger_joint1", "panda_finger_joint2")
 
 
-class Peer:
+class Peer(Asked, Fingers):
     def __init__(self, options):
         scene = load_world(options.scene).model_copy(update={"count": options.objects})
         self.world = SimWorld(load_robot("panda"), scene, builtin_objects("test"))
@@ -210,59 +211,6 @@ class Peer:
         if not why:
             self.jtc.start(message)
 
-    async def fingers(self, handle, kind, width, speed, force, fine):
-        self.tell(kind.__name__.lower(), f"{width:.4f} {force:.1f}")
-        if self.faults.get("silent_gripper"):
-            await self.until(lambda: not self.faults.get("silent_gripper") or handle.is_cancel_requested)
-        self.hand.command(width, speed, force, fine)
-        await self.until(lambda: not self.hand.busy or handle.is_cancel_requested)
-        if handle.is_cancel_requested:
-            self.hand.stop()
-            handle.canceled()
-            return False
-        return True
-
-    async def homing(self, handle):
-        if await self.fingers(handle, Homing, 0.08, 0.1, 20.0, False):
-            handle.succeed()
-        return Homing.Result(success=True)
-
-    async def move(self, handle):
-        request = handle.request
-        if await self.fingers(handle, Move, request.width, request.speed, 20.0, False):
-            handle.succeed()
-        good = abs(self.hand.width() - request.width) < 0.002
-        return Move.Result(success=good, error="" if good else "in the way")
-
-    async def grasp(self, handle):
-        request = handle.request
-        if not await self.fingers(handle, Grasp, 0.0, request.speed, request.force, True):
-            return Grasp.Result(success=False, error="cancelled")
-        final = self.hand.width()
-        good = request.width - request.epsilon.inner < final < request.width + request.epsilon.outer
-        if self.faults.get("lying_gripper"):
-            good = not good
-        if good:
-            handle.succeed()
-        else:
-            handle.abort()
-        return Grasp.Result(success=good, error="" if good else "not in the window")
-
-    async def gripper_command(self, handle):
-        command = handle.request.command
-        closing = command.max_effort > 0
-        if await self.fingers(handle, GripperCommand, 2 * command.position, 0.1, command.max_effort or 20.0, closing):
-            handle.succeed()
-        final = self.hand.width() / 2
-        arrived = abs(final - command.position) < 0.001
-        return GripperCommand.Result(position=final, stalled=not arrived, reached_goal=arrived)
-
-    def stop(self, _request, response):
-        self.tell("gripper stop")
-        self.hand.stop()
-        response.success = True
-        return response
-
     # recovery in three ordered steps
 
     async def recover(self, handle):
@@ -290,66 +238,6 @@ class Peer:
             self.controllers |= set(request.activate_controllers) & set(CONTROLLERS)
             self.mode = 2
         return response
-
-    # what the test wants: `answer("word", ...)` calls `asked_word(...)`
-
-    def answer(self, command, *values):
-        return getattr(self, f"asked_{command}")(*values)
-
-    def asked_fault(self, faults):
-        self.faults = dict(faults)
-        self.jtc.frozen = bool(self.faults.get("freeze"))
-
-    def asked_facts(self):
-        q, dq = self.jtc.joints()
-        return {"q": q, "dq": dq, "width": self.hand.width(), "wire": list(self.wire), "busy": self.jtc.busy}
-
-    def asked_mode(self, mode):
-        self.mode = mode
-
-    def asked_reflex(self):
-        """As franka_ros2 does: error, motion aborted, hardware unconfigured, controllers inactive."""
-        self.errors, self.mode = ("cartesian_reflex",), 4
-        self.jtc.drop("path tolerance violated: reflex")
-        self.hardware, self.controllers = False, {"joint_state_broadcaster", "franka_robot_state_broadcaster"}
-
-    def asked_user_stop(self):
-        self.mode = 5
-        self.jtc.drop("path tolerance violated: user stop")
-
-    def asked_stop_topic(self):
-        self.stop_pub.publish(Empty())
-
-    def asked_deactivate(self):
-        self.controllers, self.mode = {"joint_state_broadcaster", "franka_robot_state_broadcaster"}, 1
-
-    def asked_home(self):
-        """As when it was started: well, open, at the look pose, at rest, and nothing heard."""
-        self.asked_fault({})
-        self.mode, self.errors, self.hardware, self.controllers = 2, (), True, set(CONTROLLERS)
-        robot, client = self.world.robot, self.world.client
-        for joint, q in zip(robot.joints, self.world.robot_config.look_q_rad, strict=True):
-            client.resetJointState(robot.body, joint, q)
-        for finger in robot.fingers:
-            client.resetJointState(robot.body, finger, 0.04)
-        self.jtc.reset()
-        self.hand.reset()
-        self.wire.clear()
-        self.late.clear()
-
-    def asked_round(self, number, seed):
-        self.objects = self.rounds.prepare(number, seed)
-        return self.objects
-
-    def asked_truth(self):
-        truth = self.world.truth()
-        return len(truth.on_table), len(truth.in_bin)
-
-    def asked_frame(self):
-        return self.camera.capture(after=0.0, timeout=5.0)
-
-    def asked_camera_pose(self):
-        return self.camera.T_base_cam
 
     def run(self, requests):
         due = time.monotonic()
