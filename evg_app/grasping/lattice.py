@@ -65,7 +65,8 @@ def interpolated(blocks: NDArray[np.float32], where: NDArray[np.bool_]) -> NDArr
 
     Shape (20, 20, 20) -> (40, 40, 40).
     """
-    both = np.stack([np.where(where, blocks, np.float32(0.0)), where.astype(np.float32)])
+    share = where.astype(np.float32)
+    both = np.stack([blocks * share, share])
     value, weight = along_axes(_CUBIC, both)
     return np.asarray(np.clip(value / np.maximum(weight, np.float32(0.1)), 0.0, 1.0))
 

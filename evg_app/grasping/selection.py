@@ -52,7 +52,7 @@ def candidate_mask(values: Volume) -> Mask:
 def smooth(values: Volume, where: Mask, sigma: float = 1.0) -> Volume:
     """Gaussian mean over the voxels `where` values are defined, 0 elsewhere; sigma in voxels."""
     means = _means(values, where, sigma) if sigma > 0 else values
-    return np.where(where, means, np.float32(0.0))
+    return means * where
 
 
 def filled(values: Volume, where: Mask) -> Volume:
@@ -62,7 +62,8 @@ def filled(values: Volume, where: Mask) -> Volume:
 
 def _means(values: Volume, where: Mask, sigma: float) -> Volume:
     """Gaussian mean at each cell of a cube over those `where` values are defined, 0 far from all of them."""
-    both = np.stack([np.where(where, values, np.float32(0.0)), where.astype(np.float32)])
+    share = where.astype(np.float32)  # multiplying takes a tenth of the time of choosing
+    both = np.stack([values * share, share])
     total, weight = lattice.along_axes(_gaussian(sigma, len(values)), both)
     mean: Volume = total / np.maximum(weight, np.float32(1e-12))
     return mean
