@@ -152,7 +152,7 @@ def test_fault_in_a_run_is_noticed_in_time_the_arm_holds_and_the_log_is_complete
 
 
 def test_robot_that_dies_in_a_run_ends_it_and_the_one_that_comes_after_is_not_moved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, record_property
 ):
     isolate()
     monkeypatch.setenv("ROS_DOMAIN_ID", fresh_domain())
@@ -166,6 +166,7 @@ def test_robot_that_dies_in_a_run_ends_it_and_the_one_that_comes_after_is_not_mo
         words = lab(peers[0], tmp_path)
         injection = Injection("reach", die)
         assert hurt_run(peers[0], words, tmp_path / "run", injection) == 4
+        record_property("seconds", injection.seconds)
         assert injection.seconds < 0.5 + CANCEL_S + BUSY_S
         assert injection.moved_on == [] and peers[1].wire("goal") == []
     finally:
