@@ -110,6 +110,7 @@ class Carry:
 
 
 def _allowed(held: Held, T_start: Array) -> Array:
+    """Least distances of the spheres at the hand pose (4, 4); see `Carry.allowed`. Shape (3, S) [m]."""
     clearance = held.clearance(T_start[None])[:, 0]
     wanted = held.radius - np.array([0.0, 0.0, SEEN_SLACK])[:, None]
     allowed: Array = np.minimum(wanted, clearance - np.array(LEAVING)[:, None])
@@ -146,6 +147,7 @@ def drop_goals(robot: RobotConfig, kinematics: Kinematics, held: Held, lifted_q:
     look_q = np.asarray(robot.look_q_rad)
 
     def time_of(goal: Array) -> float:
+        """To the goal and on to the look pose [s]."""
         return float(sum((np.abs(goal - q) / kinematics.speed).max() for q in (lifted_q, look_q)))
 
     return sorted(goals, key=time_of)

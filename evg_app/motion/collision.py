@@ -78,6 +78,7 @@ class SelfCollision:
 
 
 def _link(geometry_name: str) -> str:
+    """The link that a geometry belongs to."""
     return geometry_name.rsplit("_", 1)[0]
 
 
@@ -113,6 +114,7 @@ class ArmChecker:
     """
 
     def __init__(self, kinematics: Kinematics, body: SphereBody, self_collision: SelfCollision) -> None:
+        """From a body of spheres and the self-collision model."""
         self.kinematics, self.body, self.self_collision = kinematics, body, self_collision
         self.links = LinkCapsules.of(kinematics.primitives)
         self._links = _links(body)
@@ -182,6 +184,7 @@ def _clearance(p: Array, scene: Scene, on_table: Flags | np.bool_) -> Array:
 
 
 def _links(body: SphereBody) -> list[_Link]:
+    """The runs of spheres of each link."""
     links = []
     for name in dict.fromkeys(body.names):
         rows = np.flatnonzero(np.array(body.names) == name)

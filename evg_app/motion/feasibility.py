@@ -128,6 +128,7 @@ class MotionPlanner:
         return time_path(path, self.robot)
 
     def _start(self, q: Array) -> Array:
+        """q as floats, refused when it is no configuration of this arm."""
         q = np.asarray(q, dtype=np.float64)
         if q.shape != (7,) or not np.isfinite(q).all():
             raise BadInput(f"a configuration needs 7 finite joint positions, got {q.tolist()}; nothing was planned")
@@ -167,6 +168,7 @@ class MotionPlanner:
         return self._finisher.plan(free, scene, T_base_grasp, width, q_start, search)
 
     def _gripper_hits(self, scene: Scene, T_base_grasp: Array, width: float) -> bool:
+        """Whether the gripper touches something on approach or lift of a grasp (4, 4)."""
         robot = self.robot
         if approach_hits(self._gripper, scene, T_base_grasp, robot.gripper.max_width_m, robot.pregrasp_m):
             return True

@@ -109,6 +109,7 @@ class Finisher:
     def _timed(
         self, leg: Leg, transport: JointPath, reach: JointPath, retreat: JointPath, back: JointPath
     ) -> PickPlan | None:
+        """All paths timed and verified, alone and joined; None when one cannot be."""
         robot, carrying = self._robot, self._robot.limits.carry_scale
         try:
             plan = PickPlan(

@@ -89,6 +89,7 @@ def gripper_links(meshes: Any, robot: RobotConfig) -> tuple[str, ...]:
 
 
 def _gripper_points(meshes: Any, robot: RobotConfig) -> dict[str, Array]:
+    """Hull points of hand and fingers by link name, in the frame of joint 7. Shape (V, 3) each [m]."""
     wanted = gripper_links(meshes, robot)
     points: dict[str, Array] = {}
     for item in meshes.geometryObjects:
@@ -134,6 +135,7 @@ def lift_hits(boxes: GripperBoxes, scene: Scene, T_base_grasp: Array, poses: Arr
 
 
 def _hits_points(low: Array, high: Array, points: Array, T_base_grasp: Array) -> bool:
+    """Whether boxes in the grasp frame (4, 4), corners (B, 3), hold at least `MIN_POINTS` of the points (P, 3)."""
     p = (points - T_base_grasp[:3, 3]) @ T_base_grasp[:3, :3]
     p = p[((p > low.min(axis=0)) & (p < high.max(axis=0))).all(axis=1)]
     if len(p) == 0:
@@ -143,10 +145,12 @@ def _hits_points(low: Array, high: Array, points: Array, T_base_grasp: Array) ->
 
 
 def _hits_table(boxes: GripperBoxes, scene: Scene, T_base_grasp: Array, opening: float) -> bool:
+    """Whether the gripper at a grasp (4, 4) comes too close to the table."""
     corners = boxes.corners(opening) @ T_base_grasp[:3, :3].T + T_base_grasp[:3, 3]
     return bool(scene.table.height(corners).min() < TABLE_CLEARANCE)
 
 
 def _hits_declared(boxes: GripperBoxes, scene: Scene, T_base_grasp: Array, opening: float) -> bool:
+    """Whether the gripper at a grasp (4, 4) comes too close to a declared box."""
     corners = boxes.corners(opening) @ T_base_grasp[:3, :3].T + T_base_grasp[:3, 3]
     return bool(scene.boxes.distance(corners).min() < OUTER_MARGIN)

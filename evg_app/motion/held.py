@@ -176,6 +176,7 @@ def _filled(scene: Scene, seen: Array, others: Array, centre: Array) -> Array:
     tree, up = cKDTree(others) if len(others) else None, scene.table.normal
 
     def outside(p: Array) -> NDArray[np.bool_]:
+        """Which points (..., 3) lie in the table, in space seen free, or in others' surface."""
         height = scene.table.height(p)
         out = (height < BOTTOM) | scene.free(p + np.maximum(ABOVE_TABLE - height, 0.0)[..., None] * up)
         if tree is not None:

@@ -28,6 +28,7 @@ class _Segment:
     direction: Array
 
     def __call__(self, s: Array, nu: int = 0) -> Array:
+        """q at s (M,), or its derivative of order nu. Shape (M, J)."""
         if nu == 0:
             return np.asarray(self.start + np.asarray(s)[:, None] * self.direction)
         value: Array = np.zeros((len(s), len(self.direction)))

@@ -112,10 +112,12 @@ class Router:
         return np.maximum(moved, carry.moved(frames[:, 7] @ self.checker.kinematics.geometry.T_7_hand))
 
     def _carry_hits(self, frames: Array, carry: Carry) -> bool:
+        """Whether the held object touches something at any of the frames (N, 8, 4, 4)."""
         hands = frames[:, 7] @ self.checker.kinematics.geometry.T_7_hand
         return bool(carry.hits(hands).any() or carry.hits_arm(frames, hands).any())
 
     def _free(self, q: Array, frames: Array, check: Check) -> bool:
+        """Whether all configurations (N, 7) are inside the limits and free of collision."""
         if not self.checker.kinematics.possible(q).all():
             return False
         if check.carry is not None and self._carry_hits(frames, check.carry):
@@ -149,6 +151,7 @@ class Router:
         return min(free, key=self._duration)
 
     def _duration(self, path: JointPath) -> float:
+        """Time along a path from rest to rest [s]; infinite when it cannot be timed."""
         try:
             return fastest(path, limits(self.checker.kinematics.robot)).duration
         except Refused:
@@ -165,6 +168,7 @@ class Router:
         for step in (SEARCH_STEP, CHECK_STEP):
 
             def edge_free(p: Array, q: Array, step: float = step) -> bool:
+                """For OMPL."""
                 return self.is_free(line(p, q), check, step)
 
             found = search(a, b, kinematics.lower, kinematics.upper, edge_free)
@@ -173,6 +177,7 @@ class Router:
         return None
 
     def _edges_free(self, waypoints: Array, check: Check) -> bool:
+        """Whether the straight paths between waypoints (W, 7) are free."""
         return all(self.is_free(line(p, q), check) for p, q in pairwise(waypoints))
 
     def _detours(self, a: Array, b: Array) -> list[Array]:

@@ -37,6 +37,7 @@ def _ompl() -> Any:
 
 
 def _values(state: Any, count: int) -> Array:
+    """An OMPL state as an array. Shape (J,)."""
     return np.array([state[k] for k in range(count)])
 
 
@@ -91,6 +92,7 @@ def _solve(ompl: Any, information: Any, start: Array, goal: Array) -> Any:
 
 
 def _space(ompl: Any, low: Array, high: Array) -> Any:
+    """The space of joint positions between bounds (J,)."""
     space = ompl.base.RealVectorStateSpace(len(low))
     bounds = ompl.base.RealVectorBounds(len(low))
     for k, (a, b) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
@@ -104,7 +106,10 @@ def _validator(ompl: Any, information: Any, edge_free: EdgeFree, count: int) -> 
     """OMPL's view of `edge_free`."""
 
     class Validator(ompl.base.MotionValidator):  # type: ignore[misc]
+        """Asks `edge_free` about every edge."""
+
         def checkMotion(self, first: Any, second: Any) -> bool:
+            """Called by OMPL."""
             return edge_free(_values(first, count), _values(second, count))
 
     return Validator(information)

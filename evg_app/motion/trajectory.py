@@ -54,6 +54,7 @@ def time_path(path: JointPath, robot: RobotConfig, share: float = 1.0) -> Trajec
 
 
 def _sample(path: JointPath, timing: Timing, robot: RobotConfig) -> Trajectory:
+    """Samples along a path, `DT` apart."""
     s, ds, dds = timing.sample(DT)
     s[-1], ds[-1], dds[-1] = path.length, 0.0, 0.0
     s = np.clip(s, 0.0, path.length)
@@ -65,6 +66,7 @@ def _sample(path: JointPath, timing: Timing, robot: RobotConfig) -> Trajectory:
 
 
 def _checked(trajectory: Trajectory, robot: RobotConfig) -> Trajectory:
+    """A verified trajectory, made read-only."""
     verify(trajectory, robot)
     for array in (trajectory.q, trajectory.dq, trajectory.ddq):
         array.setflags(write=False)

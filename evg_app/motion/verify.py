@@ -114,6 +114,7 @@ def _near_ends(trajectory: Trajectory, robot: RobotConfig, velocity: Array) -> N
 
 
 def _well_formed(trajectory: Trajectory, robot: RobotConfig) -> None:
+    """Refuse wrong joints, shapes, sample intervals and values that are not finite."""
     shape = (len(trajectory.q), len(robot.joints))
     if trajectory.joint_names != tuple(robot.joints):
         raise BadInput(f"the trajectory moves {trajectory.joint_names}, the robot has {tuple(robot.joints)}")
@@ -128,6 +129,7 @@ def _well_formed(trajectory: Trajectory, robot: RobotConfig) -> None:
 
 
 def _compare(trajectory: Trajectory, quantity: str, value: Array, limit: Array) -> None:
+    """Refuse the largest excess of |value| over limit, both (M, J)."""
     excess = np.abs(value) / limit
     row, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
     if excess[row, joint] > 1.0 + TOLERANCE:

@@ -101,11 +101,13 @@ class Cell:
         self._sent: list[Trajectory] = []
 
     def __enter__(self) -> Self:
+        """The cell is ready."""
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """Free the physics."""
         self._world.close()
 
     @property
@@ -185,12 +187,14 @@ class Cell:
         return still, moved
 
     def _changed(self, pick: PickPlan, seen: Observation) -> float:
+        """Area that a fresh look finds changed near the grasp [m^2]."""
         model = self._camera_config.recheck
         fresh = (self._picture(), self.q())
         before = (seen.frame, seen.q)
         return seen.perception.change(before, fresh, pick.T_base_grasp, model.radius_m, model.depth_m).area
 
     def _picture(self) -> Frame:
+        """A depth image of now."""
         return self._camera.capture(after=self._world.time, timeout=SLACK)
 
     def _finish(self, pick: PickPlan, in_hand: bool) -> str:
@@ -203,6 +207,7 @@ class Cell:
         return ended or self._follow("back", pick.back)
 
     def _open(self) -> None:
+        """Open the gripper wide."""
         gripper = self.robot.gripper
         self._judge.phase = "open"
         self._gripper.move(gripper.max_width_m, gripper.speed_m_s, gripper.timeout_s)

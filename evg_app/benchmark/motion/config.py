@@ -39,12 +39,14 @@ class MotionBenchmark:
     examined: int = 12
 
     def __post_init__(self) -> None:
+        """Refuse counts below one."""
         for name in ("count", "candidates", "reach", "seeds", "examined"):
             if getattr(self, name) < 1:
                 raise BadInput(f"{name} is {getattr(self, name)}; ask for at least 1")
 
     @property
     def _folder(self) -> Path | None:
+        """The folder of the configuration."""
         return None if self.config_dir is None else Path(self.config_dir)
 
     def robot_config(self) -> RobotConfig:

@@ -55,6 +55,7 @@ class ContactJudge:
         return f"{index}:{self._world.placed[index].model.name}"
 
     def _look(self) -> None:
+        """Note what touches now."""
         if not self.phase:
             return
         for point in self._world.client.getContactPoints(bodyA=self._world.robot.body):
@@ -66,6 +67,7 @@ class ContactJudge:
             self._found[key] = (max(depth, -distance), time)
 
     def _link_names(self) -> dict[int, str]:
+        """Names of the robot's links by PyBullet's index."""
         client, body = self._world.client, self._world.robot.body
         names = {k: client.getJointInfo(body, k)[12].decode() for k in range(client.getNumJoints(body))}
         return {-1: client.getBodyInfo(body)[0].decode(), **names}

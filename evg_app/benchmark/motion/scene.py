@@ -77,6 +77,7 @@ def _row(
     times: StageTimes,
     git_commit: str,
 ) -> SceneRow:
+    """Everything about a scene as one row."""
     return SceneRow(
         seed=seed,
         number=number,
@@ -121,6 +122,7 @@ class _Cycles:
     """Plans and executes the picks of one scene."""
 
     def __init__(self, config: MotionBenchmark, planners: Planners, cell: Cell, targets: Targets) -> None:
+        """For the picks of one scene."""
         self._config, self._planners, self._cell, self._targets = config, planners, cell, targets
         self.done: list[Cycle] = []
 
@@ -147,6 +149,7 @@ class _Cycles:
             before = None if decision.pick is None else (decision.pick, self.done[-1])
 
     def _execute(self, arm: str, owner: int, decision: PickDecision, seen: Observation | None = None) -> None:
+        """Execute a decision, or note why there is none."""
         if decision.pick is None:
             looked = tally(str(v) for v in decision.verdicts if v is not Verdict.NOT_EXAMINED)
             reasons = ", ".join(f"{name} {n}" for name, n in looked.items())
@@ -162,6 +165,7 @@ def _equal(a: PickPlan, b: PickPlan) -> bool:
 
 
 def _cycle(arm: str, owner: int, what: Executed) -> Cycle:
+    """What was executed, as values of a row."""
     return Cycle(
         arm=arm,
         owner=owner,
@@ -180,4 +184,5 @@ def _cycle(arm: str, owner: int, what: Executed) -> Cycle:
 
 
 def _words(contact: Contact) -> str:
+    """A contact as text."""
     return f"{contact.phase}: {contact.link} - {contact.other} ({contact.depth * 1e3:.2f} mm)"

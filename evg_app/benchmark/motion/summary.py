@@ -101,6 +101,7 @@ def recheck_facts(cycles: Sequence[Cycle], changed_area: float) -> dict[str, Any
 
 
 def _arms(policies: Sequence[str]) -> tuple[str, ...]:
+    """Names of all arms."""
     return (TRUE, BASELINE, *(f"{OBSERVED} {policy}" for policy in policies))
 
 
@@ -116,6 +117,7 @@ def _of_kind(rows: Sequence[SceneRow], kind: str, policies: Sequence[str]) -> di
 
 
 def _worst(cycles: Sequence[Cycle]) -> dict[str, float]:
+    """The largest share of each limit over all cycles."""
     worst: dict[str, float] = {}
     for cycle in cycles:
         for name, ratio in (cycle.ratios or {}).items():
@@ -139,5 +141,6 @@ def _all(rows: Sequence[SceneRow], name: str) -> list[float]:
 
 
 def _percentile(values: Iterable[float], share: float) -> float | None:
+    """A percentile, or None without values."""
     array = np.array(list(values))
     return round(float(np.percentile(array, share)), 6) if len(array) else None

@@ -39,6 +39,7 @@ class TrueDistance:
     """Signed distance to the convex pieces that physics collides with, task frame."""
 
     def __init__(self, state: SceneState) -> None:
+        """For the objects of a scene."""
         self._state = state
         self._solids: list[Solid] = solids_of(state)
         self._rays = o3d.t.geometry.RaycastingScene(nthreads=1)
@@ -61,6 +62,7 @@ class TrueDistance:
 
 
 def _grid(distance: TrueDistance) -> TsdfGrid:
+    """The workspace cube as a TSDF."""
     axis = (np.arange(GRID) + 0.5) * WORKSPACE_SIZE / GRID
     points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     f = np.minimum(distance.at(points), points[:, 2] - TABLE_HEIGHT) / TRUNCATION
