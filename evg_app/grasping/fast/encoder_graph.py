@@ -1,7 +1,8 @@
 """The encoder as an ONNX graph with expanded filters, made in memory from any weights (no tracing, no file)."""
 
 import numpy as np
-from torch import nn
+import torch
+from torch import Tensor, nn
 
 from evg_app.geometry import GRID_SIZE
 from evg_app.grasping.fast.graph import Graph
@@ -44,15 +45,13 @@ class _Writer:
         skips.pop()
         for i, join in enumerate(net.s2tp_up):
             xy_skip, views_skip = skips.pop()
-            xy = g.add("Concat", self._up(xy, net.xy_up[i]), xy_skip, axis=1)
-            xy = self._steer(xy, net.xy_merge[i])
-            views = g.add("Concat", self._transposed(views, net.side_up[i]), views_skip, axis=1)
-            views = self._plain(views, net.side_merge[i])
+            xy = self._steer(self._up(xy, net.xy_up[i]), net.xy_merge[i], xy_skip)
+            views = self._plain(self._transposed(views, net.side_up[i]), net.side_merge[i], views_skip)
             xy = self._join(xy, views, join, GRID_SIZE >> len(skips))
         out = net.side_out
         assert isinstance(out, nn.Conv2d) and out.bias is not None
-        views = g.conv(views, out.weight, out.bias)
-        joined = g.add("Concat", self._regular(xy, net.xy_out), *self._fold(views), axis=0)
+        sides = g.conv(self._fold(views), self._share() * out.weight, out.bias)
+        joined = g.add("Concat", self._regular(xy, net.xy_out), sides, axis=0)
         return g.add("Transpose", joined, perm=[0, 2, 3, 1])
 
     def _views(self, lifted: str) -> tuple[str, str]:
@@ -81,21 +80,31 @@ class _Writer:
         index = np.arange(ORDER * self.net.reg[0]).reshape(-1, ORDER)
         return self.graph.add("Gather", x, self.graph.constant(np.roll(index, shift, 1).ravel()), axis=0)
 
-    def _regular(self, x: str, layer: nn.Module, relu: bool = False) -> str:
+    def _regular(self, x: str, layer: nn.Module, relu: bool = False, skip: str | None = None) -> str:
+        """A layer of x, or of x and a skip connection side by side."""
         assert isinstance(layer, RegularConv2d)
-        return self.graph.conv(x, layer.filter.expand(), layer.bias.expand(), relu)
+        return self._conv(x, layer.filter.expand(), layer.bias.expand(), relu, skip)
 
-    def _steer(self, x: str, block: nn.Module) -> str:
+    def _conv(self, x: str, weight: Tensor, bias: Tensor, relu: bool, skip: str | None) -> str:
+        """A convolution of x and a skip connection side by side, as a sum: nothing has to be put side by side."""
+        if skip is None:
+            return self.graph.conv(x, weight, bias, relu)
+        own = weight.shape[1] // 2
+        both = self.graph.conv(x, weight[:, :own], bias), self.graph.conv(skip, weight[:, own:], None)
+        total = self.graph.add("Add", *both)
+        return self.graph.add("Relu", total) if relu else total
+
+    def _steer(self, x: str, block: nn.Module, skip: str | None = None) -> str:
         assert isinstance(block, SteerableBlock)
-        r = self._regular(x, block.first, relu=True)
+        r = self._regular(x, block.first, relu=True, skip=skip)
         out = self._regular(self._regular(r, block.second, relu=True), block.third)
         return self.graph.add("Relu", self.graph.add("Add", out, r))
 
-    def _plain(self, x: str, block: nn.Module) -> str:
+    def _plain(self, x: str, block: nn.Module, skip: str | None = None) -> str:
         assert isinstance(block, PlainBlock)
-        for conv in (block.first, block.second):
+        for conv, beside in ((block.first, skip), (block.second, None)):
             assert isinstance(conv, nn.Conv2d) and conv.bias is not None
-            x = self.graph.conv(x, conv.weight, conv.bias, relu=True)
+            x = self._conv(x, conv.weight, conv.bias, True, beside)
         return x
 
     def _up(self, x: str, layer: nn.Module) -> str:
@@ -111,25 +120,34 @@ class _Writer:
         return g.add("ConvTranspose", x, weight, bias, strides=[2, 2])
 
     def _join(self, xy: str, views: str, join: nn.Module, size: int) -> str:
-        """S2TP at a level of `size` pixels a side."""
+        """S2TP at a level of `size` pixels a side: what the views say of a pixel is one product of all their means."""
         assert isinstance(join, SideToPlane)
         g, matrix = self.graph, join.linear.matrix.expand()
         regular, invariant = matrix[:, : join.regular], matrix[:, join.regular :]
         out = g.conv(xy, regular[..., None, None], join.bias.expand())
         means = g.add("AveragePool", views, kernel_shape=[1, size])  # (V, C, horizontal, 1)
-        ax, ay = self._fold(means)
-        weight = invariant[..., None, None]
-        along_x = g.conv(ax, weight, None)
-        along_y = g.add("Transpose", g.conv(ay, weight, None), perm=[0, 1, 3, 2])
-        return g.add("Add", g.add("Add", out, along_x), along_y)
+        flat = g.add("Reshape", g.add("Transpose", means, perm=[3, 1, 0, 2]), g.constant([-1, self.views * size]))
+        seen = g.add("Reshape", g.add("MatMul", flat, g.constant(self._spread(size))), g.constant([1, -1, size, size]))
+        return g.add("Add", out, g.conv(seen, invariant[..., None, None], None))
 
-    def _fold(self, views: str) -> list[str]:
-        """`JointTriUNet._fold` of views (V, C, horizontal, ...): two parts (1, C, horizontal, ...)."""
-        g = self.graph
-        parts = [
-            g.add("Slice", views, g.constant([k]), g.constant([k + 1]), g.constant([0])) for k in range(self.views)
-        ]
+    def _spread(self, size: int) -> Tensor:
+        """From all views' values along their horizontal axis to pixels (x, y), see `JointTriUNet._fold`."""
+        along = torch.eye(size)
+        x, y = along[:, :, None].expand(-1, -1, size), along[:, None, :].expand(-1, size, -1)
+        each = [x, y, x.flip(0), y.flip(0)] if self.exact else [x, y]
+        return self._share() * torch.cat([one.flatten(1) for one in each])
+
+    def _share(self) -> float:
+        """Of a view in its fold."""
+        return 0.5 if self.exact else 1.0
+
+    def _fold(self, views: str) -> str:
+        """`JointTriUNet._fold` of views (V, C, horizontal, Z), without its factor: (2, C, horizontal, Z)."""
         if not self.exact:
-            return parts
-        half = g.constant(np.array(0.5, dtype=np.float32))
-        return [g.add("Mul", g.add("Add", parts[k], self._flip(parts[k + 2], 2)), half) for k in (0, 1)]
+            return views
+        g = self.graph
+        first = g.add("Slice", views, g.constant([0]), g.constant([2]), g.constant([0]))
+        behind = g.add(
+            "Slice", views, g.constant([2, -1]), g.constant([4, -1000]), g.constant([0, 2]), g.constant([1, -1])
+        )
+        return g.add("Add", first, behind)
