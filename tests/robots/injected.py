@@ -55,6 +55,11 @@ class Injection:
         elif self.began is not None and self.noticed is None:
             self._look(event)
 
+    def done(self) -> None:
+        """Wait until the hurting itself has ended."""
+        if self._timer is not None and self._timer.is_alive():
+            self._timer.join()
+
     def _now(self) -> None:
         self.began = time.monotonic()
         self.hurt()
@@ -99,7 +104,9 @@ def heard_by(listen: Callable[[Event], None]) -> Iterator[None]:
 def run(words: list[str], folder: Path, injection: Injection) -> int:
     """`evg-app run` in this process, hurt; its exit code."""
     with heard_by(injection), mock.patch("sys.stdin", None):
-        return evg_app(["run", *words, "--run-dir", str(folder)])
+        code = evg_app(["run", *words, "--run-dir", str(folder)])
+    injection.done()
+    return code
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:

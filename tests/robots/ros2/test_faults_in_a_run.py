@@ -88,6 +88,10 @@ FAULTS = {
 }
 
 
+EITHER = ("controller aborts",)
+"""Ends with two failures where the arm was still so close to its look pose that the way back is over before an abort."""
+
+
 @pytest.fixture(scope="module")
 def table() -> Iterator[PeerProcess]:
     isolate()
@@ -131,7 +135,8 @@ def test_fault_in_a_run_is_noticed_in_time_the_arm_holds_and_the_log_is_complete
     given, folder = FAULTS[name], tmp_path / "run"
     words = lab(table, tmp_path)
     injection = Injection(given.at, lambda: given.hurt(table, folder), given.delay)
-    assert hurt_run(table, words, folder, injection) == given.code
+    code = hurt_run(table, words, folder, injection)
+    assert code == given.code or (name in EITHER and code == 0)
     record_property("seconds", injection.seconds)
     assert injection.seconds < given.bound + BUSY_S
     assert given.goes_on or injection.moved_on == []
@@ -142,9 +147,9 @@ def test_fault_in_a_run_is_noticed_in_time_the_arm_holds_and_the_log_is_complete
     logged = rows(folder)
     assert logged and all(complete(row) for row in logged)
     status, detail = ended(folder)
-    if given.code == 130:
+    if code == 130:
         assert status == "stopped by the user" and logged[-1]["outcome"] == "abandoned"
-    elif given.code == 0:
+    elif code == 0:
         assert status == "finished" and logged[0]["outcome"] == "failure"
     else:
         assert status == "error" and detail and detail in said.err
