@@ -89,7 +89,7 @@ FAULTS = {
 
 
 EITHER = ("controller aborts",)
-"""Ends with two failures where the arm was still so close to its look pose that the way back is over before an abort."""
+"""Ends with two failures where the arm was so close to its look pose that the way back was over before an abort."""
 
 
 @pytest.fixture(scope="module")
