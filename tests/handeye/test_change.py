@@ -15,7 +15,7 @@ from evg_app.handeye.solve import OUTLIER_LEAST_PX, fit_without_outliers
 CUBE = cube_points(np.eye(4))
 CORNER_PX, HAND_M, HAND_RAD = 0.07, 2e-4, 3e-4
 SIZE_SHARE = 0.35
-GOOD_SESSIONS = 12
+GOOD_SESSIONS = 5
 
 
 def session(synthetic, seed, count=22, camera=None, board=None, first=12, hit=()):
