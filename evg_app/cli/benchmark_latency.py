@@ -92,11 +92,13 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def _made(done: int, wanted: int) -> None:
+    """How many frames are there."""
     if done == 1 or done % 50 == 0 or done == wanted:
         say(f"frame {done}/{wanted} made")
 
 
 def _say_row(row: dict[str, Any]) -> None:
+    """A row's times."""
     stages = "  ".join(f"{name} {values['median_ms']:.1f}" for name, values in row["stages"].items())
     note = "  random weights" if row["random_weights"] else ""
     say(
@@ -106,6 +108,7 @@ def _say_row(row: dict[str, Any]) -> None:
 
 
 def _say_floor(facts: dict[str, Any]) -> None:
+    """What the machine could do, and how far each row is from it."""
     for threads, gflops in facts["machine_gflops_by_threads"].items():
         say(f"machine, {threads} threads: {gflops:.0f} GFLOP/s")
     if facts["encoder_floor_ms"] is not None:

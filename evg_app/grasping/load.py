@@ -54,6 +54,7 @@ def load_planner(
 
 
 def _load_published(model: str, weights: str | Path | None, device: str) -> Planner:
+    """A planner of others with its official weights; errors as `load_planner`."""
     if weights is None:
         raise WeightsError(
             f"the model '{model}' has no shipped weights; give its official .pt file with --weights FILE"

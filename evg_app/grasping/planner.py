@@ -219,6 +219,7 @@ class GraspPlanner:
         voxels = self._tensor(index)
 
         def ask(part: slice) -> tuple[Tensor, Tensor, Tensor]:
+            """Best candidate of some of the voxels."""
             place = Place(field, voxels[part])
             draws = noise[:, part] if part.start < sampled else noise[:0]
             candidates, scores, width = self._heads.grasps(place, draws, self.config.steps)
@@ -246,6 +247,7 @@ class GraspPlanner:
         points = self._tensor(index)
 
         def ask(part: slice) -> Tensor:
+            """Logits of some of the points."""
             return self._heads.graspness(Place(field, points[part], side))
 
         parts = self._workers.map(ask, pieces(len(index), self.config.points_at_once))
@@ -253,6 +255,7 @@ class GraspPlanner:
         return answer
 
     def _pieces(self, grasps: int) -> list[slice]:
+        """Pieces of work of so many grasps."""
         return pieces(grasps, self.config.grasps_at_once)
 
     def _tensor(self, array: NDArray[np.float32] | NDArray[np.intp]) -> Tensor:

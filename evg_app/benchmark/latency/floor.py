@@ -33,7 +33,10 @@ def encoder_gflop(backbone: JointTriUNet) -> float:
     total = 0
 
     def counting(outputs: Callable[[torch.Tensor], int]) -> Callable[..., None]:
+        """A hook that counts a layer's operations at so many outputs."""
+
         def hook(module: nn.Module, _inputs: object, result: torch.Tensor) -> None:
+            """Hears what the layer gave out."""
             nonlocal total
             total += 2 * _weights(module) * outputs(result)
 

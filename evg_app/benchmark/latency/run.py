@@ -117,6 +117,7 @@ def _measure(job: Job) -> dict[str, Any]:
 
 
 def _percentile(values: Sequence[float], q: float) -> float:
+    """Rounded to 10 us."""
     return round(float(np.percentile(values, q)), 2)
 
 

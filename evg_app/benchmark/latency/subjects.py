@@ -51,6 +51,7 @@ def subject(name: str, weights: str | None, device: str = "cpu") -> Subject:
     planner = _random(model, device) if random else load_planner(model, weights, device)
 
     def run(frame: DepthFrame, lap: Lap) -> Grasps:
+        """Fuse and plan."""
         grid = fuse_depth(frame.depth, CAMERA, frame.T_cam_task, DEPTH_SCALE)
         lap("fuse")
         if isinstance(planner, GraspPlanner):

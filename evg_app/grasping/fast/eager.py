@@ -59,6 +59,7 @@ class EagerHeads:
 
 
 def _features(place: Place) -> Features:
+    """The field as the networks' methods take it."""
     n, channels = GRID_SIZE, place.field.channels
     return Features(place.field.table.view(3, 1, n, n, channels))
 

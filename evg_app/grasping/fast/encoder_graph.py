@@ -66,10 +66,12 @@ class _Writer:
         return xy, self._stack([self._roll(v, -k) for k, v in enumerate(seen)])
 
     def _stack(self, views: list[str]) -> str:
+        """Views (C, ...) as a batch (V, C, ...)."""
         g = self.graph
         return g.add("Concat", *[g.add("Unsqueeze", v, g.constant([0])) for v in views], axis=0)
 
     def _flip(self, x: str, axis: int) -> str:
+        """Reversed along an axis."""
         g = self.graph
         return g.add("Slice", x, g.constant([-1]), g.constant([-1000]), g.constant([axis]), g.constant([-1]))
 
@@ -95,12 +97,14 @@ class _Writer:
         return self.graph.add("Relu", total) if relu else total
 
     def _steer(self, x: str, block: nn.Module, skip: str | None = None) -> str:
+        """A `SteerableBlock` of x, or of x and a skip connection side by side."""
         assert isinstance(block, SteerableBlock)
         r = self._regular(x, block.first, relu=True, skip=skip)
         out = self._regular(self._regular(r, block.second, relu=True), block.third)
         return self.graph.add("Relu", self.graph.add("Add", out, r))
 
     def _plain(self, x: str, block: nn.Module, skip: str | None = None) -> str:
+        """A `PlainBlock` of x, or of x and a skip connection side by side."""
         assert isinstance(block, PlainBlock)
         for conv, beside in ((block.first, skip), (block.second, None)):
             assert isinstance(conv, nn.Conv2d) and conv.bias is not None
@@ -108,12 +112,14 @@ class _Writer:
         return x
 
     def _up(self, x: str, layer: nn.Module) -> str:
+        """Twice the size, bilinear, and a convolution."""
         g = self.graph
         scales = g.constant(np.array([1, 1, 2, 2], dtype=np.float32))
         big = g.add("Resize", x, "", scales, mode="linear", coordinate_transformation_mode="half_pixel")
         return self._regular(big, layer)
 
     def _transposed(self, x: str, layer: nn.Module) -> str:
+        """Twice the size, by a transposed convolution."""
         assert isinstance(layer, nn.ConvTranspose2d) and layer.bias is not None
         g = self.graph
         weight, bias = g.constant(layer.weight), g.constant(layer.bias)
