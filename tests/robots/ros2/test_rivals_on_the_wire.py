@@ -9,9 +9,9 @@ from ros2_peer import PeerProcess
 from ros2_wire import TURN, end_of, motion
 
 from evg_app.config.files import load_robot
-from evg_app.errors import HardwareError
+from evg_app.errors import DeviceTimeout, HardwareError
 from evg_app.robots.guard import GuardedArm
-from evg_app.robots.ros2 import open_robot, rivals
+from evg_app.robots.ros2 import Ros2Robot, open_robot, rivals
 from evg_app.robots.ros2.survey import survey
 
 pytestmark = pytest.mark.ros
@@ -31,6 +31,15 @@ def second(own_peer: PeerProcess) -> Iterator[list[PeerProcess]]:
 
 def seen(link, action: str, count: int) -> bool:
     return link.wait_until(lambda: rivals.servers(link, action) == count, SEEN_S)
+
+
+def heard(opened: Ros2Robot) -> bool:
+    """Whether the state comes again."""
+    try:
+        opened.arm.state()
+    except DeviceTimeout:
+        return False
+    return True
 
 
 def test_a_second_robot_that_turns_up_on_the_domain_gets_no_goal(own_peer: PeerProcess, second: list[PeerProcess]):
@@ -81,5 +90,6 @@ def test_a_robot_that_comes_back_after_its_death_moves_only_when_a_person_agrees
         with pytest.raises(HardwareError, match="nobody let it go on; it holds"):
             arms[0].recover(1.0)
         assert second[0].wire("goal") == []
+        assert opened.link.wait_until(lambda: heard(opened), SEEN_S)
         arms[1].recover(rivals.LEASE_S + SEEN_S)
         assert end_of(arms[1].execute(motion(opened, 0.3 * TURN))).reached
