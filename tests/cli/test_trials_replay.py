@@ -4,15 +4,19 @@ import hashlib
 import json
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from evg_app.cli.main import main
+from evg_app.cli.trials.playback import Playback
+from evg_app.grasping.load import load_planner
 from evg_app.grasping.weights import WEIGHTS_DIR
 from evg_app.trials import arrays
 from evg_app.trials.recorded import RecordedRun
+from evg_app.trials.replay import ReplayStage, replay
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +63,27 @@ def test_one_depth_value_changes_everything_after_it(run, capsys):
     np.savez_compressed(path, **stored)
     assert main(["trials", "replay", str(run)]) == 1
     assert first_stage(capsys) == "perception"
+
+
+@pytest.mark.slow
+def test_a_way_back_replays_to_the_bit_and_another_goal_is_found(run):
+    log = RecordedRun(run)
+    attempt = next(a for a in map(log.attempt, log.attempt_ids) if "back.q" in a.stored)
+    session = log.sessions[attempt.run_id]
+
+    def pipeline() -> Playback:
+        return Playback(session.config, load_planner(session.model))
+
+    above_bin, look = attempt.stored["back.q"][0], attempt.stored["back.q"][-1]
+    ends = {"q_start": above_bin, "q_goal": look, "around_scene": np.array(True), "name": np.array("return")}
+    asked = {f"routes.0.{name}": value for name, value in ends.items()}
+    asked |= {f"routes.0.{name}": attempt.stored[f"back.{name}"] for name in ("q", "dq", "ddq", "dt", "joint_names")}
+    ways = pipeline().recompute(replace(attempt, stored={**attempt.stored, **asked}))
+    assert len(ways.routes) == 1 and (ways.routes[0].way.q[-1] == look).all()
+    logged = {**attempt.stored, **{n: v for n, v in ways.arrays().items() if n.startswith("routes.")}}
+    assert replay(replace(attempt, stored=logged), session, pipeline()).identical
+    other = {**logged, "routes.0.q_goal": look + 0.01}
+    assert replay(replace(attempt, stored=other), session, pipeline()).first is ReplayStage.ROUTES
 
 
 @pytest.mark.slow
