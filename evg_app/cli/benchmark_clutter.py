@@ -15,7 +15,7 @@ from evg_app.trials.statistics import rate
 SCENES = ("packed", "pile", "adversarial")
 NOISES = ("gamma", "field", "gaussian", "none")
 VIEWS = ("side", "random", "random-orbitgrasp", "random-igd")
-MODELS = "equiigd, equigiga, the same with -dense, giga, vgn, antipodal or random (default: equiigd)"
+MODELS = "equiigd, equigiga, equiigd-dense, equigiga-dense, giga, vgn, antipodal or random (default: equiigd)"
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

@@ -60,6 +60,9 @@ class Perception(Protocol):
     def problem(self, frame: Frame, q: Array) -> str:
         """Why no plan may be made on this frame, empty when it is good enough."""
 
+    def blind(self, frame: Frame, q: Array) -> str:
+        """Why this frame shows nothing at all, empty when it does: the arm may stand before the whole workspace."""
+
     def view(self, frame: Frame, q: Array, further: Sequence[tuple[Frame, Array]] = ()) -> View:
         """Fuse a clean frame, and clean frames of further views with the arm's positions [rad] at their exposure."""
 

@@ -1,5 +1,6 @@
 """Observe: a fresh, healthy frame with the arm at rest, fused for the planner and the motion."""
 
+from collections.abc import Callable
 from typing import Literal
 
 from evg_app.errors import DeviceTimeout, HardwareError
@@ -52,6 +53,15 @@ def healthy_frame(round_: Round, q: Array) -> Frame:
     Raises:
         HardwareError: the camera gave none; the message holds the last problem.
     """
+    return fresh_frame(round_, lambda frame: round_.ctx.perception.problem(frame, q))
+
+
+def fresh_frame(round_: Round, judge: Callable[[Frame], str]) -> Frame:
+    """A frame exposed from now on in which `judge` finds no problem, in a bounded number of tries.
+
+    Raises:
+        HardwareError: the camera gave none; the message holds the last problem.
+    """
     problem = ""
     for _ in range(round_.ctx.settings.capture_tries):
         round_.ctx.stop.check()
@@ -61,7 +71,7 @@ def healthy_frame(round_: Round, q: Array) -> Frame:
             problem = str(error)
             round_.emit(Warned("camera timeout", problem))
             continue
-        problem = _stale(round_, frame) or round_.ctx.perception.problem(frame, q)
+        problem = _stale(round_, frame) or judge(frame)
         if not problem:
             round_.last_frame = (frame.number, frame.stamp)
             return frame

@@ -69,6 +69,11 @@ class TablePerception:
         """Why no plan may be made on this frame, empty when it is good enough."""
         return depth_health(frame, self._T_cam_task(q), self._min_valid).advice
 
+    def blind(self, frame: Frame, q: Array) -> str:
+        """Why this frame shows nothing at all, empty when it does: the arm may stand before the whole workspace."""
+        health = depth_health(frame, self._T_cam_task(q), self._min_valid)
+        return health.advice if health.valid < self._min_valid else ""
+
     def view(self, frame: Frame, q: Array, further: Sequence[tuple[Frame, Array]] = ()) -> View:
         """Fuse clean frames into the planner's grid and the collision volume; each is ruled by itself."""
         factor = fit_table(frame, self._T_cam_task(q)).scale if self._table_is_ruler else 1.0

@@ -4,20 +4,23 @@ from typing import Literal
 
 from evg_app.events import SceneRechecked, Stage, Warned
 from evg_app.picking.execute import ready
-from evg_app.picking.observe import arm_at_rest, healthy_frame
+from evg_app.picking.observe import arm_at_rest, fresh_frame
 from evg_app.picking.session import Round
 from evg_app.picking.states import Outcome
 
 
 def recheck(round_: Round) -> Literal[Outcome.OK, Outcome.CHANGED]:
-    """Compare a fresh frame with the one planned on, around the grasp; a changed scene is planned on anew."""
+    """Compare a fresh frame with the one planned on, around the grasp; a changed scene is planned on anew.
+
+    What the arm hides from the camera here is not compared.
+    """
     ctx, attempt = round_.ctx, round_.now
     model = ctx.camera.recheck
     if not model.enabled:
         return Outcome.OK
     assert attempt.frame is not None and attempt.q is not None
     q = arm_at_rest(round_)
-    fresh = healthy_frame(round_, q)
+    fresh = fresh_frame(round_, lambda frame: ctx.perception.blind(frame, q))
     with round_.timed(Stage.RECHECK, counts=False):
         change = ctx.perception.change(
             (attempt.frame, attempt.q), (fresh, q), ready(round_).T_base_grasp, model.radius_m, model.depth_m

@@ -242,6 +242,9 @@ class FakePerception:
     def problem(self, frame: Frame, q: np.ndarray) -> str:
         return "" if (frame.depth > 0).any() else "the image holds no depth."
 
+    def blind(self, frame: Frame, q: np.ndarray) -> str:
+        return self.problem(frame, q)
+
     def view(self, frame: Frame, q: np.ndarray, further=()) -> View:
         self.fused.append(len(further))
         grid = TsdfGrid(np.zeros((40, 40, 40), np.float32), np.ones((40, 40, 40), bool))

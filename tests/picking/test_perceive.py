@@ -52,6 +52,15 @@ def test_an_image_of_nothing_is_a_problem_with_advice():
     assert _perception().problem(_frame(block_mm=40), np.zeros(7)) == ""
 
 
+def test_an_arm_before_the_whole_workspace_hinders_a_plan_but_is_not_blindness():
+    arm = _frame()
+    arm.depth[:] = 200
+    nothing = Frame(np.zeros_like(arm.depth), 0.001, CAMERA, 1.0, "cam")
+    assert "No surface" in _perception().problem(arm, np.zeros(7))
+    assert _perception().blind(arm, np.zeros(7)) == ""
+    assert "depth" in _perception().blind(nothing, np.zeros(7))
+
+
 def test_the_share_of_valid_depth_that_the_camera_config_asks_for_decides():
     half = _frame(block_mm=40)
     half.depth[:, ::2] = 0
