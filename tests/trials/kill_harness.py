@@ -25,8 +25,10 @@ from evg_app.trials.recorder import Recorder
 from evg_app.trials.schema import DATABASE
 from evg_app.trials.summary import summary
 
-LONGEST_S = 0.6
-"""Latest moment of a kill after the recording began [s]."""
+ATTEMPTS = 3
+"""A kill comes after fewer finished attempts than this ..."""
+LONGEST_S = 0.3
+"""... and up to so long after the last of them [s]."""
 
 
 @dataclass
@@ -55,8 +57,8 @@ def record(folder: Path, told: int) -> None:
         lab.run(rounds=100_000)
 
 
-def kill_once(folder: Path, delay: float) -> list[str]:
-    """Ids of attempts that were finished when the recorder was killed `delay` [s] after it began."""
+def kill_once(folder: Path, attempts: int, delay: float) -> list[str]:
+    """Ids of attempts that were finished when the recorder was killed, `delay` [s] after so many attempts."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -68,9 +70,10 @@ def kill_once(folder: Path, delay: float) -> list[str]:
     os.close(writing)
     with os.fdopen(reading, "rb") as lines:
         assert lines.readline() == b"ready\n"
+        told = [lines.readline().decode().strip() for _ in range(attempts)]
         time.sleep(delay)
         os.kill(child, signal.SIGKILL)
-        told = [line.decode().strip() for line in lines if line.endswith(b"\n")]
+        told += [line.decode().strip() for line in lines if line.endswith(b"\n")]
     os.waitpid(child, 0)
     return told
 
@@ -107,7 +110,7 @@ def kill_often(kills: int, seed: int = 0) -> Found:
     for i in range(kills):
         with tempfile.TemporaryDirectory() as root:
             folder = Path(root) / f"run{i}"
-            told = kill_once(folder, float(rng.uniform(0.0, LONGEST_S)))
+            told = kill_once(folder, int(rng.integers(ATTEMPTS)), float(rng.uniform(0.0, LONGEST_S)))
             look(folder, told, found)
             found.kills += 1
     return found
