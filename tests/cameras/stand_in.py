@@ -36,6 +36,10 @@ def depth_sensor(*missing: str) -> tuple[rs.software_device, rs.software_sensor]
     return device, sensor
 
 
+FIRMWARE = "5.16.0.1"
+"""What every stand-in says is installed."""
+
+
 @dataclass
 class Plugged:
     """One camera on the bus."""
@@ -45,11 +49,15 @@ class Plugged:
     usb: str = "3.2"
 
     def supports(self, key):
-        return key in (rs.camera_info.serial_number, rs.camera_info.name, rs.camera_info.usb_type_descriptor)
+        return key in self._known()
 
     def get_info(self, key):
-        known = {rs.camera_info.serial_number: self.serial, rs.camera_info.usb_type_descriptor: self.usb}
-        return known.get(key, "Intel RealSense D435I")
+        return self._known()[key]
+
+    def _known(self):
+        fields = rs.camera_info
+        said = {fields.name: "Intel RealSense D435I", fields.firmware_version: FIRMWARE}
+        return said | {fields.serial_number: self.serial, fields.usb_type_descriptor: self.usb}
 
     def hardware_reset(self):
         self.bus.resets.append(self.serial)

@@ -6,7 +6,7 @@ import numpy as np
 import pyrealsense2 as rs
 import pytest
 from recordings import FPS, HEIGHT, SERIAL, WIDTH, write_recording
-from stand_in import Bus, depth_sensor
+from stand_in import FIRMWARE, Bus, depth_sensor
 
 from evg_app.cameras.realsense import devices
 from evg_app.cameras.realsense.camera import RealSenseCamera
@@ -86,7 +86,12 @@ def test_of_several_cameras_one_must_be_named(good):
     with opened(bus, serial="22") as camera:
         assert camera.info.serial == "22"
         told = identity_of(camera)
-        assert told["driver"] == "realsense" and told["serial"] == "22" and told["firmware"] and told["pyrealsense2"]
+        assert (
+            told["driver"] == "realsense"
+            and told["serial"] == "22"
+            and told["firmware"] == FIRMWARE
+            and told["pyrealsense2"]
+        )
     with opened(bus, serial="11") as one, opened(bus, serial="22") as other:
         assert {one.info.serial, other.info.serial} == {"11", "22"}
         assert one.capture(after=0.0, timeout=3.0).depth.shape == other.capture(after=0.0, timeout=3.0).depth.shape
