@@ -59,6 +59,7 @@ class _LiftAndProject(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, slabs: Tensor, weight: Tensor, bias: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Means of the lifted slabs, slab by slab; only the inputs are kept."""
         ctx.save_for_backward(slabs, weight, bias)
         batch, nz, _, nx, ny = slabs.shape
         channels = weight.shape[0]
@@ -77,6 +78,7 @@ class _LiftAndProject(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, g_xy: Tensor, g_xz: Tensor, g_yz: Tensor) -> tuple[None, Tensor, Tensor]:
+        """Gradients of weight and bias; each slab is lifted again."""
         slabs, weight, bias = ctx.saved_tensors
         batch, nz, _, nx, ny = slabs.shape
         g_weight, g_bias = torch.zeros_like(weight), torch.zeros_like(bias)

@@ -31,6 +31,7 @@ class _WeightedRows(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, outgoing: Tensor) -> tuple[Tensor | None, None, Tensor | None]:
+        """Gradients of the inputs of `forward`."""
         table, index, factor = ctx.saved_tensors
         outgoing = outgoing.contiguous()
         wanted_table, _, wanted_factor = ctx.needs_input_grad
