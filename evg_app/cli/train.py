@@ -6,6 +6,9 @@ from pathlib import Path
 
 SUMMARY = "train a network on generated scenes, resuming where it stopped; with --export also write the weights"
 
+WITHOUT = ("s2tp", "eda", "proposals")
+"""What can be left out: two parts of the network, and the tried proposals of a network in the data."""
+
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Add the verb `train`."""
@@ -35,12 +38,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         default="c4",
         help="plain: free layers and equally many parameters, to compare with (default c4; plain ignores --side)",
     )
+    parser.add_argument(
+        "--without",
+        choices=WITHOUT,
+        action="append",
+        default=[],
+        help="leave a part out, to measure what it brings; may be given several times",
+    )
     parser.add_argument("--export", type=Path, metavar="FILE", help="NAME.safetensors to write at the end")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Train until the time is used up. Returns 0."""
+    from evg_app.learning.batches import BatchSizes
     from evg_app.learning.train import TrainConfig, restart_with_allocator, train
     from evg_app.nets.config import plain_counterpart
 
@@ -48,9 +59,12 @@ def run(args: argparse.Namespace) -> int:
     logging.getLogger("evg_app").setLevel(logging.INFO)
     network = {"side": args.side} if args.symmetry == "c4" else plain_counterpart(args.model)
     network |= {"contact_score": True} if args.model == "equiigd" else {}
+    network |= {part: False for part in args.without if part != "proposals"}
+    sizes = BatchSizes(proposals=0) if "proposals" in args.without else BatchSizes()
     config = TrainConfig(
         minutes=args.minutes,
         batch=args.batch,
+        sizes=sizes,
         seed=args.seed,
         learning_rate=args.learning_rate,
         architecture=args.model,

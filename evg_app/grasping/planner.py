@@ -106,8 +106,9 @@ class GraspPlanner:
         on_cpu = self._device.type == "cpu"
         threads = min(torch.get_num_threads(), MOST_THREADS) if on_cpu else 1
         self._workers = Workers(threads)
-        self._encoder: Encoder = FastEncoder(net.backbone, threads) if on_cpu else EagerEncoder(net, self._device)
-        self._heads: Heads = heads_of(net) if on_cpu else EagerHeads(net)
+        fast = on_cpu and not net.config.reduced
+        self._encoder: Encoder = FastEncoder(net.backbone, threads) if fast else EagerEncoder(net, self._device)
+        self._heads: Heads = heads_of(net) if fast else EagerHeads(net)
 
     @classmethod
     def load(

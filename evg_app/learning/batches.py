@@ -61,19 +61,19 @@ class Batch:
 
 
 def draw_batch(table: SceneTable, sizes: BatchSizes, count: int, generator: torch.Generator) -> Batch:
-    """A batch of `count` random scenes, each with a random stored view, half of them mirrored in x."""
+    """A batch of `count` random scenes, each with a random stored view, turned and mirrored at random."""
     scene = _integers(table.scenes, (count,), generator)
     view = _integers(table.views, (count,), generator)
-    mirror = torch.rand(count, generator=generator, device=generator.device) < 0.5
+    mirror = torch.rand((count, 3), generator=generator, device=generator.device) < 0.5
     return draw(table, sizes, scene, view, mirror, generator)
 
 
 def draw(
     table: SceneTable, sizes: BatchSizes, scene: Tensor, view: Tensor, mirror: Tensor, generator: torch.Generator
 ) -> Batch:
-    """The batch of given scenes and views (B,), mirrored in x where `mirror` (B,) says so.
+    """The batch of given scenes and views (B,), mirrored where `mirror` (B, 3) says so: x, y, then x and y exchanged.
 
-    Mirroring is exact: the gripper is its own mirror image.
+    The three make all quarter turns and their mirror images. Mirroring is exact: the gripper is its own mirror image.
     """
     kind, proposed = table.kind[scene], table.proposed[scene]
     good, any_good = _choose((kind == Kind.POSITIVE) & ~proposed, sizes.positives, generator)
@@ -101,11 +101,11 @@ def draw(
         "point": _rows(table.points[scene].float(), point),
     }
     grid = table.grids[scene, view].float() / 255.0
-    grid = torch.where(mirror[:, None, None, None], grid.flip(1), grid)
-    sign = torch.where(mirror, -1.0, 1.0)
+    for column, image in enumerate((lambda g: g.flip(1), lambda g: g.flip(2), lambda g: g.transpose(1, 2))):
+        grid = torch.where(mirror[:, column, None, None, None], image(grid), grid)
     rotation = _mirrored(rotation, mirror)
     return Batch(
-        **{k: _normalised(p, sign) for k, p in places.items()},
+        **{k: _normalised(p, mirror) for k, p in places.items()},
         grid=grid[:, None],
         positive_rotation=_matrices(_rows(rotation.flatten(2), good)),
         positive_counts=any_good.float(),
@@ -153,17 +153,24 @@ def _matrices(flat: Tensor) -> Tensor:
 
 
 def _mirrored(rotation: Tensor, mirror: Tensor) -> Tensor:
-    """Rotations (B, N, 3, 3) of mirrored scenes: rows mirrored in x, and the fingers exchanged."""
-    signs = torch.ones(3, 3, device=rotation.device)
-    signs[0] *= -1.0
-    signs[:, 1] *= -1.0
-    return torch.where(mirror[:, None, None, None], rotation * signs, rotation)
+    """Rotations (B, N, 3, 3) of scenes mirrored as `draw` says: their rows, and the fingers exchanged each time."""
+    turned = _reflected(rotation, mirror[:, None])
+    odd = mirror.sum(1) % 2 == 1
+    fingers = torch.where(odd[:, None], rotation.new_tensor([1.0, -1.0, 1.0]), rotation.new_ones(3))
+    return turned * fingers[:, None, None]
 
 
-def _normalised(p: Tensor, sign: Tensor) -> Tensor:
-    """Positions (B, N, 3) [m] in workspace units, centred; x mirrored where sign (B,) is -1."""
-    centred = p / WORKSPACE_SIZE - 0.5
-    return torch.cat([centred[..., :1] * sign[:, None, None], centred[..., 1:]], -1)
+def _normalised(p: Tensor, mirror: Tensor) -> Tensor:
+    """Positions (B, N, 3) [m] in workspace units, centred, mirrored as `draw` says."""
+    return _reflected((p / WORKSPACE_SIZE - 0.5)[..., None], mirror[:, None])[..., 0]
+
+
+def _reflected(columns: Tensor, mirror: Tensor) -> Tensor:
+    """Columns of vectors (..., 3, M) reflected as `draw` says; mirror (..., 3)."""
+    x, y, z = columns.unbind(-2)
+    x, y = torch.where(mirror[..., 0, None], -x, x), torch.where(mirror[..., 1, None], -y, y)
+    x, y = torch.where(mirror[..., 2, None], y, x), torch.where(mirror[..., 2, None], x, y)
+    return torch.stack([x, y, z], -2)
 
 
 def _weak_negatives(

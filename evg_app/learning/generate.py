@@ -58,7 +58,7 @@ class GenerateConfig:
         verified: share of the grasps that physics tries as well; its word counts.
         weights: a network (weights file) whose own proposals are added; None for none.
         proposals: how many of them per scene.
-        tries: how many of the proposals that are too close to call for the rule are tried in physics.
+        tries: how many of the proposals, best first, are tried in physics; the rule judges the others.
     """
 
     seed: int = 0
@@ -74,7 +74,7 @@ class GenerateConfig:
     verified: float = 0.02
     weights: str | None = None
     proposals: int = 60
-    tries: int = 3
+    tries: int = 9
 
     @property
     def shards(self) -> int:

@@ -45,7 +45,14 @@ def evaluate(model: Network, table: SceneTable, count: int | None = None, seed: 
     for i in range(scenes):
         generator = torch.Generator(table.grids.device).manual_seed(seed + i)
         index = torch.tensor([i], device=table.grids.device)
-        batch = draw(table, SIZES, index, index % table.views, torch.zeros_like(index).bool(), generator)
+        batch = draw(
+            table,
+            SIZES,
+            index,
+            index % table.views,
+            torch.zeros((1, 3), dtype=torch.bool, device=table.grids.device),
+            generator,
+        )
         rows.append(_scene_row(model, batch, generator))
     model.train(was_training)
     joined = {k: np.concatenate([r[k] for r in rows]) for k in rows[0]}

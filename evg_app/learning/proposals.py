@@ -1,5 +1,6 @@
 """A network's own proposals with their truth: examples of what it believes, right or wrong."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -25,17 +26,22 @@ BEST_SHARE = 0.4
 def propose(weights: str, grids: NDArray[np.float32], count: int, rng: np.random.Generator) -> Array:
     """At most about `count` poses (N, 4, 4) that a network proposes on some of the views (V, 40, 40, 40).
 
+    First the best of every view, then the second best ones, and so on; the last ones were drawn from the rest. It is
+    chance whether a view's are ranked by strict success or by that with a touch allowed on the approach.
+
     Raises:
         WeightsError: the weights cannot be used.
     """
-    poses = [np.zeros((0, 4, 4))]
+    poses, places = [np.zeros((0, 4, 4))], [np.zeros(0, dtype=np.intp)]
     each = -(-count // VIEWS)
     for view in rng.permutation(len(grids))[:VIEWS]:
-        grasps = _planner(weights).plan(grids[view], int(rng.integers(2**31)))
+        planner = _planner(weights, bool(rng.random() < 0.5))
+        grasps = planner.plan(grids[view], int(rng.integers(2**31)))
         best = np.arange(min(len(grasps), round(BEST_SHARE * each)))
         rest = rng.permutation(np.arange(len(best), len(grasps)))[: each - len(best)]
         poses.append(grasps.T_task_grasp[np.concatenate([best, rest])])
-    return np.concatenate(poses)
+        places.append(np.arange(len(poses[-1])))
+    return np.concatenate(poses)[np.argsort(np.concatenate(places), kind="stable")]
 
 
 def judge_proposals(
@@ -43,12 +49,13 @@ def judge_proposals(
 ) -> tuple[LabelledGrasps, NDArray[np.uint8]]:
     """Labels of poses (N, 4, 4), and `WithContact` of each.
 
-    The rule judges; of those too close to call for it the first `tries` go to physics, and the rest are left out.
+    The first `tries` go to physics: where the rule is wrong about what the network likes best, it must not learn from
+    the rule. The rule judges the others; those too close to call for it are left out.
     """
-    judged, sure = judge(scene, T_task_grasp)
+    tried, contact = try_all(state, T_task_grasp[:tries])
+    judged, sure = judge(scene, T_task_grasp[tries:])
     by_rule = judged.take(sure)
-    tried, contact = try_all(state, T_task_grasp[~sure][:tries])
-    return by_rule.join(tried), np.concatenate([with_contact(scene, by_rule), contact])
+    return tried.join(by_rule), np.concatenate([contact, with_contact(scene, by_rule)])
 
 
 def try_all(state: SceneState, T_task_grasp: Array) -> tuple[LabelledGrasps, NDArray[np.uint8]]:
@@ -62,10 +69,10 @@ def try_all(state: SceneState, T_task_grasp: Array) -> tuple[LabelledGrasps, NDA
     return LabelledGrasps(T_task_grasp, kind, width, np.full(len(kind), -1)), contact
 
 
-@lru_cache(maxsize=1)
-def _planner(weights: str) -> GraspPlanner:
+@lru_cache(maxsize=2)
+def _planner(weights: str, allow_contact: bool) -> GraspPlanner:
     """The planner of a weights file, on one thread of this process."""
     import torch
 
     torch.set_num_threads(1)
-    return GraspPlanner.load(weights=weights, config=SEARCH)
+    return GraspPlanner.load(weights=weights, config=replace(SEARCH, allow_contact=allow_contact))

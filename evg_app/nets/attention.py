@@ -52,6 +52,14 @@ class DeformableAttention(nn.Module):
         return c + out
 
 
+class NoAttention(nn.Module):
+    """In the place of `DeformableAttention` in a network without EDA."""
+
+    def forward(self, features: Features, points: Tensor, c: Tensor) -> Tensor:
+        """The points' own features c."""
+        return c
+
+
 def control_points() -> Tensor:
     """The 25 control points of the gripper in the grasp frame, x = 0, y outer, z inner [m]. (25, 3)."""
     y = torch.linspace(-0.04, 0.04, 5)

@@ -17,11 +17,18 @@ class NetConfig:
         side: wiring of the side branch, `exact` (symmetric) or `mixed` (published).
         reg: regular copies at the three levels of the backbone.
         symmetry: `c4`, or `plain`: all layers free, the counterpart to compare with.
+        s2tp: whether the side planes join the xy field on the way (without: to measure what that brings).
     """
 
     side: Side = "exact"
     reg: tuple[int, int, int] = (8, 16, 32)
     symmetry: Symmetry = "c4"
+    s2tp: bool = True
+
+    @property
+    def reduced(self) -> bool:
+        """Whether a part is left out to measure what it brings."""
+        return not self.s2tp
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for a card, without the name of the network."""
@@ -69,6 +76,7 @@ class EquiIGDConfig(NetConfig):
         antipodal_score: exchange of the fingers leaves the grasp score alone (ours).
         regressed_rotation: adds a regressed rotation as one more candidate (ours, not the paper's).
         contact_score: adds a second grasp score, of succeeding when the fingers may touch on the approach (ours).
+        eda: whether graspness and rotation attend to points around them (without: to measure what that brings).
     """
 
     hidden: int = 16
@@ -81,6 +89,12 @@ class EquiIGDConfig(NetConfig):
     antipodal_score: bool = True
     regressed_rotation: bool = True
     contact_score: bool = False
+    eda: bool = True
+
+    @property
+    def reduced(self) -> bool:
+        """See `NetConfig`."""
+        return not (self.s2tp and self.eda)
 
 
 PLAIN: dict[str, dict[str, Any]] = {

@@ -23,7 +23,7 @@ class EquiGIGA(nn.Module):
         self.config = config = config or EquiGIGAConfig()
         fibre, logit = Fibre(reg=config.reg[0], triv=4 * config.reg[0]), Fibre(triv=1)
         hidden, small = Fibre(reg=config.hidden), Fibre(reg=config.side_hidden)
-        self.backbone = JointTriUNet(config.reg, config.side)
+        self.backbone = JointTriUNet(config.reg, config.side, config.s2tp)
         self.graspness_head = Head(fibre, hidden, logit, config.blocks)
         self.rotation_head = Head(fibre, hidden, ROTATION, config.blocks)
         self.width_head = Head(fibre, small, logit, config.side_blocks)

@@ -6,7 +6,7 @@ encoded scenes. The methods are the API of training and planning.
 
 from torch import Tensor, nn
 
-from evg_app.nets.attention import DeformableAttention, GraspAttention
+from evg_app.nets.attention import DeformableAttention, GraspAttention, NoAttention
 from evg_app.nets.config import EquiIGDConfig
 from evg_app.nets.expanded import untie
 from evg_app.nets.features import Features, sample
@@ -28,12 +28,12 @@ class EquiIGD(nn.Module):
         self.config = config = config or EquiIGDConfig()
         fibre = Fibre(reg=config.reg[0], triv=4 * config.reg[0])
         hidden, flow = Fibre(reg=config.hidden), Fibre(reg=config.flow_reg, triv=config.flow_triv)
-        self.backbone = JointTriUNet(config.reg, config.side)
-        self.graspness_attention = DeformableAttention(fibre, config.offsets, config.value_reg)
+        self.backbone = JointTriUNet(config.reg, config.side, config.s2tp)
+        self.graspness_attention = self._attention(fibre)
         self.graspness_head = Head(fibre, hidden, LOGIT, config.blocks)
         self.width_head = Head(fibre, hidden, LOGIT, config.blocks)
         self.occupancy_head = Head(fibre, hidden, LOGIT, config.blocks)
-        self.rotation_attention = DeformableAttention(fibre, config.offsets, config.value_reg)
+        self.rotation_attention = self._attention(fibre)
         self.flow = RotationFlow(fibre, flow, config.blocks, config.time_dim)
         self.score_attention = GraspAttention(fibre, flow, config.antipodal_score)
         self.score_head = Head(fibre, hidden, Fibre(triv=2) if config.contact_score else LOGIT, config.blocks)
@@ -112,6 +112,11 @@ class EquiIGD(nn.Module):
     def rotation(self, features: Features, p: Tensor) -> Tensor:
         """The regressed rotation, orthonormal. (B, Q, 3, 3)."""
         return from_rows(self.regress_rotation(features, p))
+
+    def _attention(self, fibre: Fibre) -> nn.Module:
+        """What looks around a point."""
+        config = self.config
+        return DeformableAttention(fibre, config.offsets, config.value_reg) if config.eda else NoAttention()
 
     @staticmethod
     def _scalar(head: nn.Module, c: Tensor) -> Tensor:

@@ -91,15 +91,24 @@ class SideToPlane(nn.Module):
         return out + along_x[..., None] + along_y[..., None, :]
 
 
+class NoJoin(nn.Module):
+    """In the place of `SideToPlane` in a network without S2TP."""
+
+    def forward(self, xy: Tensor, ax: Tensor, ay: Tensor) -> Tensor:
+        """xy as it is."""
+        return xy
+
+
 class JointTriUNet(nn.Module):
     """TSDF grid to tri-plane features (spec §2.1). 681,280 parameters with the published widths.
 
     Args:
         reg: regular copies at the three levels; the side branch has four times as many channels.
         side: wiring of the side branch.
+        s2tp: whether the side planes join the xy field at every level.
     """
 
-    def __init__(self, reg: tuple[int, ...] = (8, 16, 32), side: Side = "exact") -> None:
+    def __init__(self, reg: tuple[int, ...] = (8, 16, 32), side: Side = "exact", s2tp: bool = True) -> None:
         super().__init__()
         if side not in ("exact", "mixed"):
             raise ValueError(f"side is {side!r}; allowed: exact, mixed")
@@ -110,14 +119,14 @@ class JointTriUNet(nn.Module):
         self.lift = LiftAndProject(reg[0])
         self.xy_down = nn.ModuleList(SteerableBlock(reg[max(i - 1, 0)], reg[i]) for i in down)
         self.side_down = nn.ModuleList(PlainBlock(channels[max(i - 1, 0)], channels[i]) for i in down)
-        self.s2tp_down = nn.ModuleList(SideToPlane(reg[i], channels[i]) for i in down)
+        self.s2tp_down = nn.ModuleList(SideToPlane(reg[i], channels[i]) if s2tp else NoJoin() for i in down)
         self.xy_up = nn.ModuleList(RegularConv2d(reg[i + 1], reg[i], gain=1.0) for i in up)
         self.side_up = nn.ModuleList(
             _he(nn.ConvTranspose2d(channels[i + 1], channels[i], 2, 2), 1.0, channels[i + 1]) for i in up
         )
         self.xy_merge = nn.ModuleList(SteerableBlock(2 * reg[i], reg[i]) for i in up)
         self.side_merge = nn.ModuleList(PlainBlock(2 * channels[i], channels[i]) for i in up)
-        self.s2tp_up = nn.ModuleList(SideToPlane(reg[i], channels[i]) for i in up)
+        self.s2tp_up = nn.ModuleList(SideToPlane(reg[i], channels[i]) if s2tp else NoJoin() for i in up)
         self.xy_out = RegularConv2d(reg[0], reg[0], kernel=1, gain=1.0)
         self.side_out = _he(nn.Conv2d(channels[0], channels[0], 1), 1.0)
 

@@ -144,7 +144,7 @@ def test_a_failure_alone_teaches_and_what_it_lacks_is_not_made_up(run, tmp_path)
     assert store.train is not None and store.train.scenes == 3, "success, slip and contact"
     lost = [i for i in range(3) if not bool((store.train.kind[i] == int(Kind.POSITIVE)).any())]
     sizes = BatchSizes(8, 4, 4, 4, 8, 32)
-    scene, still = torch.tensor(lost[:1]), torch.zeros(1, dtype=torch.bool)
+    scene, still = torch.tensor(lost[:1]), torch.zeros((1, 3), dtype=torch.bool)
     batch = draw(store.train, sizes, scene, torch.zeros(1, dtype=torch.long), still, torch.Generator().manual_seed(0))
     assert len(lost) == 2 and not batch.positive_counts.any() and batch.judged_weight.any()
     losses = losses_of(build("equiigd", SMALL), batch, torch.Generator().manual_seed(0))

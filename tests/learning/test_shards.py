@@ -1,5 +1,6 @@
 """Shards: written whole, read back, and never silently wrong."""
 
+import itertools
 import os
 from pathlib import Path
 
@@ -49,7 +50,7 @@ def generator(seed: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(seed)
 
 
-def drawn(table: SceneTable, mirror: bool = False) -> Batch:
+def drawn(table: SceneTable, mirror: tuple[bool, bool, bool] = (False, False, False)) -> Batch:
     """The first scene of a table seen through its first view."""
     first = torch.tensor([0])
     return draw(table, SIZES, first, first, torch.tensor([mirror]), generator(5))
@@ -131,15 +132,26 @@ def test_batch_is_a_function_of_seed_and_step() -> None:
     assert a.grid.shape == (3, 1, 40, 40, 40) and a.positive_rotation.shape == (3, 8, 3, 3)
 
 
-def test_mirroring_moves_grid_points_and_rotations_together() -> None:
-    table, flip = table_of([scene(3)]), torch.tensor([-1.0, 1.0, 1.0])
-    plain, mirrored = drawn(table), drawn(table, mirror=True)
-    assert (mirrored.grid == plain.grid.flip(2)).all()
-    assert torch.allclose(mirrored.positive, plain.positive * flip, atol=1e-6)
-    R, M = plain.positive_rotation[0], mirrored.positive_rotation[0]
+def seen_at(batch: Batch, points: torch.Tensor) -> torch.Tensor:
+    """The grid's values at points (1, N, 3)."""
+    x, y, z = ((points[0] + 0.5) * 40).long().clamp(0, 39).unbind(-1)
+    return batch.grid[0, 0][x, y, z]
+
+
+@pytest.mark.parametrize("mirror", list(itertools.product([False, True], repeat=3)))
+def test_turning_and_mirroring_move_grid_points_and_rotations_together(mirror: tuple[bool, bool, bool]) -> None:
+    table = table_of([scene(3)])
+    plain, moved = drawn(table), drawn(table, mirror)
+    assert (moved.grid == plain.grid).all() == (mirror == (False, False, False))
+    for name in ("positive", "judged", "point"):
+        assert torch.equal(seen_at(moved, getattr(moved, name)), seen_at(plain, getattr(plain, name)))
+    M = moved.positive_rotation[0]
     assert torch.allclose(torch.linalg.det(M), torch.ones(8), atol=1e-5)
-    assert torch.allclose(M[:, :, 2], R[:, :, 2] * flip, atol=1e-6)
-    assert torch.allclose((M[:, :, 1] * (R[:, :, 1] * flip)).sum(1).abs(), torch.ones(8), atol=1e-5)
+    for column, ahead in ((2, 1.0), (1, -1.0 if sum(mirror) % 2 else 1.0)):
+        tip = plain.positive + 0.1 * plain.positive_rotation[..., column]
+        expected = tip * torch.tensor([-1.0 if mirror[0] else 1.0, -1.0 if mirror[1] else 1.0, 1.0])
+        expected = expected[..., [1, 0, 2]] if mirror[2] else expected
+        assert torch.allclose(moved.positive + ahead * 0.1 * moved.positive_rotation[..., column], expected, atol=1e-6)
 
 
 def test_batch_draws_grasps_of_the_scene_without_repetition_where_there_are_enough() -> None:

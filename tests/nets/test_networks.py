@@ -3,10 +3,12 @@
 import dataclasses
 import json
 
+import numpy as np
 import pytest
 import torch
 
 from evg_app.errors import UnknownName
+from evg_app.grasping.planner import GraspPlanner, PlannerConfig
 from evg_app.grasping.weights import load_weights, shipped_weights
 from evg_app.nets.config import EquiGIGAConfig, EquiIGDConfig, plain_counterpart
 from evg_app.nets.equigiga import EquiGIGA
@@ -241,3 +243,17 @@ def test_side_to_plane_on_lines_equals_the_1x1_map_of_the_broadcast_plane():
     plane = torch.cat([xy, ax[..., None] + ay[..., None, :]], 1).movedim(1, -1)
     want = (join.linear(plane) + join.bias()).movedim(-1, 1)
     torch.testing.assert_close(join(xy, ax, ay), want, atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("part", "gone"), [("s2tp", "s2tp"), ("eda", "to_offsets")])
+def test_a_part_can_be_left_out_and_the_symmetry_stays(part, gone, scene, turn, randomised):
+    net = randomised(build("equiigd", {part: False})).eval()
+    assert any(gone in key for key in build("equiigd").state_dict())
+    assert not any(gone in key for key in net.state_dict())
+    with torch.no_grad():
+        assert max(turned_errors(net, scene, 1, turn).values()) < EXACT
+    planner = GraspPlanner(net, name="equiigd", config=PlannerConfig(threshold=0.0))
+    grid = scene.grid[0, 0].numpy()
+    with torch.inference_mode():
+        index, _ = planner.locate(planner.encode(grid), np.ones_like(grid, dtype=bool))
+    assert len(index) == planner.config.points
