@@ -101,8 +101,9 @@ def draw(
         "point": _rows(table.points[scene].float(), point),
     }
     grid = table.grids[scene, view].float() / 255.0
-    for column, image in enumerate((lambda g: g.flip(1), lambda g: g.flip(2), lambda g: g.transpose(1, 2))):
-        grid = torch.where(mirror[:, column, None, None, None], image(grid), grid)
+    for axis in (0, 1):
+        grid = torch.where(mirror[:, axis, None, None, None], grid.flip(1 + axis), grid)
+    grid = torch.where(mirror[:, 2, None, None, None], grid.transpose(1, 2), grid)
     rotation = _mirrored(rotation, mirror)
     return Batch(
         **{k: _normalised(p, mirror) for k, p in places.items()},

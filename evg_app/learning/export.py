@@ -69,7 +69,8 @@ def export_weights(checkpoint: Path, out: Path, extra: dict[str, Any] | None = N
 
 def _training(state: dict[str, Any], config: dict[str, Any]) -> dict[str, Any]:
     """How the weights came about."""
-    return {
+    start = {"started_from_weights_sha256": state["started_from"]} if state["started_from"] else {}
+    return start | {
         "data": json.loads(state["data"]),
         "seed": config["seed"],
         "minutes": round(state["used_seconds"] / 60.0, 1),

@@ -95,8 +95,11 @@ class Trainer:
         torch.set_float32_matmul_precision("high")
         torch.manual_seed(config.seed)
         model = _network(config)
+        self.started_from = ""
         if config.start is not None:
-            model.load_state_dict(load_weights(config.start)[0].state_dict())
+            start, card = load_weights(config.start)
+            model.load_state_dict(start.state_dict())
+            self.started_from = card.sha256
         self.config, self.store, self.folder, self.model = config, store, folder, model.to(torch_device(config.device))
         self.average = WeightAverage(self.model, config.ema)
         self.optimiser = torch.optim.Adam(
@@ -175,6 +178,7 @@ class Trainer:
             "step": self.step,
             "used_seconds": self.used_seconds,
             "scene_visits": self.scene_visits,
+            "started_from": self.started_from,
             "metrics": self.metrics,
             "data": json.dumps(self.store.describe()),
         }
@@ -203,6 +207,7 @@ class Trainer:
         self.optimiser.load_state_dict(state["optimiser"])
         self.step, self.used_seconds = state["step"], state["used_seconds"]
         self.scene_visits, self.metrics = state["scene_visits"], state["metrics"]
+        self.started_from = state["started_from"]
         return True
 
     def _note(self, losses: dict[str, Tensor]) -> None:

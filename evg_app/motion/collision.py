@@ -7,6 +7,7 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
+from numpy.typing import NDArray
 
 from evg_app.config.models import RobotConfig
 from evg_app.config.robot_files import collision_urdf, resolve
@@ -122,6 +123,9 @@ class ArmChecker:
         self._around_frame = np.array([link.frame for link in self._links])
         self._around_on_table = np.array([link.on_table for link in self._links])
         self._on_table = body.frame < FREE_FRAMES
+        self._around_radius = np.array([link.radius for link in self._links])
+        self._around_gripper = np.array([link.gripper for link in self._links])
+        self._spheres_of = _padded([link.spheres for link in self._links])
 
     def centers(self, q: Array) -> Array:
         """Sphere centres in the base frame. Shapes (N, 7) -> (N, S, 3) [m]."""
@@ -144,17 +148,14 @@ class ArmChecker:
         hits = np.zeros(len(frames), dtype=np.bool_)
         placed = frames[:, self._around_frame]
         middle = (placed[..., :3, :3] @ self._around[:, :, None])[..., 0] + placed[..., :3, 3]
-        around = _clearance(middle, scene, self._around_on_table)
-        for k, link in enumerate(self._links):
-            if link.gripper and not gripper:
-                continue
-            near = np.flatnonzero((around[:, k] < link.radius) & ~hits)
-            if len(near) == 0:
-                continue
-            T = frames[near, link.frame]
-            centers = self.body.center[link.spheres] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-            clearance = _clearance(centers, scene, self._on_table[link.spheres])
-            hits[near] |= (clearance < radius[link.spheres]).any(axis=1)
+        near = _clearance(middle, scene, self._around_on_table) < self._around_radius
+        if not gripper:
+            near &= ~self._around_gripper
+        row, link = np.nonzero(near)
+        spheres, T = self._spheres_of[link], placed[row, link]
+        centers = self.body.center[spheres] @ T[:, :3, :3].swapaxes(1, 2) + T[:, None, :3, 3]
+        inside = _clearance(centers, scene, self._on_table[spheres]) < radius[spheres]
+        hits[row[inside.any(axis=1)]] = True
         return hits
 
     def clearance(self, q: Array, scene: Scene) -> Array:
@@ -181,6 +182,14 @@ def _clearance(p: Array, scene: Scene, on_table: Flags | np.bool_) -> Array:
         np.minimum(clearance, scene.solid.at(p) - FIELD_MARGIN, out=clearance)
     table = np.where(on_table, np.inf, scene.table.height(p) - TABLE_MARGIN)
     return np.minimum(clearance, table)
+
+
+def _padded(runs: list[slice]) -> NDArray[np.intp]:
+    """Runs of indices as rows of one array (L, most): the last index of a shorter one is repeated."""
+    last = np.array([run.stop - 1 for run in runs])
+    offset = np.arange(max(run.stop - run.start for run in runs))
+    padded: NDArray[np.intp] = np.minimum(np.array([run.start for run in runs])[:, None] + offset, last[:, None])
+    return padded
 
 
 def _links(body: SphereBody) -> list[_Link]:

@@ -1,8 +1,10 @@
 """Quantiles of Student's t without SciPy, whose import takes longer than all statistics of a log."""
 
 import math
+from functools import lru_cache
 
 
+@lru_cache(maxsize=64)
 def t_quantile(p: float, freedom: int) -> float:
     """The t that P(T <= t) = p, for p in [0.5, 1) and whole degrees of freedom from 1; by bisection, to 1e-10."""
     low, high = 0.0, 1.0

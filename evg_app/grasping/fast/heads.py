@@ -16,6 +16,7 @@ from evg_app.grasping.fast.attention import Grip, Look, Results
 from evg_app.grasping.fast.field import Field, lattice_features, lattice_inputs, lattice_of
 from evg_app.grasping.fast.graph import Graph, Native, Shape
 from evg_app.grasping.fast.orthonormal import from_rows
+from evg_app.nets.attention import DeformableAttention
 from evg_app.nets.equigiga import EquiGIGA
 from evg_app.nets.equiigd import EquiIGD
 from evg_app.nets.fibres import ORDER
@@ -69,7 +70,8 @@ class EquiIGDHeads:
     def __init__(self, net: EquiIGD) -> None:
         self._net = net
         self.regresses = net.rotation_head is not None
-        self._look, self._rotation_look = Look(net.graspness_attention), Look(net.rotation_attention)
+        looks = net.graspness_attention, net.rotation_attention
+        self._look, self._rotation_look = (Look(a) for a in looks if isinstance(a, DeformableAttention))
         self._grip = Grip(net.score_attention)
         self._channels = ORDER * net.config.reg[0]
         self._ask, self._ask_rotation = (
