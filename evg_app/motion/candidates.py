@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, islice
 
 import numpy as np
 
@@ -76,7 +76,7 @@ def free_at_grasp(
     if isinstance(every, Verdict):
         return every
     reason = Verdict.SELF_COLLISION
-    batches = (_free(checker, scene, every.only(rows)) for rows in (slice(FIRST_BATCH), slice(FIRST_BATCH, None)))
+    batches = (_free(checker, scene, batch) for batch in every)
     for free in batches:
         if not isinstance(free, Verdict):
             return chain([free], (more for more in batches if not isinstance(more, Verdict)))
@@ -96,8 +96,11 @@ def _free(checker: ArmChecker, scene: Scene, c: Candidates) -> Candidates | Verd
 
 def at_grasp(
     robot: RobotConfig, checker: ArmChecker, T_base_grasp: Array, reference: Array, effort: Effort
-) -> Candidates | Verdict:
-    """A diverse choice of the solutions of both flips, those of the quickest cycle first, or the reason for none."""
+) -> Iterator[Candidates] | Verdict:
+    """A diverse choice of the solutions of both flips, those of the quickest cycle first, or the reason for none.
+
+    The first `FIRST_BATCH`, and then, chosen when they are asked for, the others.
+    """
     kinematics = checker.kinematics
     near = np.clip(reference[6], kinematics.lower[6], kinematics.upper[6])
     q7 = np.append(np.linspace(kinematics.lower[6], kinematics.upper[6], effort.q7_samples), near)
@@ -107,15 +110,18 @@ def at_grasp(
     if len(row) == 0:
         return Verdict.JOINT_LIMIT if np.isfinite(found).all(axis=-1).any() else Verdict.IK
     q, flip = found[row, branch], row // len(q7)
-    cost = Times.of(robot, reference).through(kinematics, q)
-    chosen: list[int] = []
+    order = np.argsort(Times.of(robot, reference).through(kinematics, q), kind="stable")
+    chosen = islice(_diverse(order, flip * BRANCHES + branch, q[:, 6], effort.q7_apart), effort.candidates)
+    found_all = Candidates(q, branch, flip)
+    batches = (list(islice(chosen, count)) for count in (FIRST_BATCH, None))
+    return (found_all.only(np.array(batch)) for batch in batches if batch)
+
+
+def _diverse(order: Integers, group: Integers, turn: Array, apart: float) -> Iterator[int]:
+    """Of `order` those whose turn differs more than `apart` from all before them of the same group."""
     taken: dict[int, list[float]] = {}
-    group, turn = (flip * BRANCHES + branch).tolist(), q[:, 6].tolist()
-    for k in np.argsort(cost, kind="stable").tolist():
-        others = taken.setdefault(group[k], [])
-        if all(abs(other - turn[k]) > effort.q7_apart for other in others):
-            others.append(turn[k])
-            chosen.append(k)
-            if len(chosen) == effort.candidates:
-                break
-    return Candidates(q, branch, flip).only(np.array(chosen))
+    for k in order.tolist():
+        others, mine = taken.setdefault(int(group[k]), []), float(turn[k])
+        if all(abs(other - mine) > apart for other in others):
+            others.append(mine)
+            yield k

@@ -22,10 +22,28 @@ from evg_app.types import Verdict
 
 MAX_LEGS = 4
 """Executions of one grasp for which free paths are looked for."""
-
-
 DETOUR = 1.3
-"""Other executions are tried when a plan takes longer than this times what the straight way would."""
+"""Another execution is tried when a plan takes longer than this times what the straight way would: one, as each costs a
+tenth to a half of a second."""
+
+
+class EmptyHanded:
+    """Free paths of one decision on which nothing is in the hand, each looked for once."""
+
+    def __init__(self, router: Router, scene: Scene) -> None:
+        self._router, self.scene = router, scene
+        self._known: dict[tuple[bytes, bytes], JointPath | None] = {}
+        self._searched: set[tuple[bytes, bytes]] = set()
+
+    def connect(self, a: Array, b: Array, search: bool) -> JointPath | None:
+        """From a to b (7,), or None; `search` allows the tree search when nothing simpler works."""
+        key = a.tobytes(), b.tobytes()
+        if key not in self._known:
+            self._known[key] = self._router.connect(a, b, self.scene, False)
+        if self._known[key] is None and search and key not in self._searched:
+            self._searched.add(key)
+            self._known[key] = self._router.connect(a, b, self.scene, True)
+        return self._known[key]
 
 
 class Finisher:
@@ -53,40 +71,41 @@ class Finisher:
         if first is None:
             return Verdict.ARM_COLLISION
         sizes = estimates(self._robot, scene, T_base_grasp, width, self._tip)
-        whole = next(sizes)
+        whole, routes = next(sizes), EmptyHanded(self._router, scene)
         seen: list[Leg] = []
         best: tuple[Leg, PickPlan] | None = None
         for leg in islice(chain([first], legs), MAX_LEGS):
             seen.append(leg)
-            plan = self._complete(leg, whole, scene, q_start, False)
+            plan = self._complete(leg, whole, routes, q_start, False)
+            second = best is not None
             if plan is not None and (best is None or plan.cycle < best[1].cycle):
                 best = (leg, plan)
-            if best is not None and best[1].cycle < DETOUR * leg.cost:
+            if best is not None and (second or best[1].cycle < DETOUR * leg.cost):
                 return best
         if best is not None:
             return best
         for leg, held, with_search in _last_resorts(seen, whole, sizes, search):
-            plan = self._complete(leg, held, scene, q_start, with_search)
+            plan = self._complete(leg, held, routes, q_start, with_search)
             if plan is not None:
                 return leg, plan
         return Verdict.NO_PATH
 
-    def _complete(self, leg: Leg, held: Held, scene: Scene, q_start: Array, search: bool) -> PickPlan | None:
+    def _complete(self, leg: Leg, held: Held, routes: EmptyHanded, q_start: Array, search: bool) -> PickPlan | None:
         """Join paths to a leg and time everything; None when something is missing."""
         router = self._router
+        reach = routes.connect(q_start, leg.approach_q[0], search)
+        if reach is None:
+            return None
         T_base_hand = hand_of_grasp(self._robot, leg.T_base_grasp)
         held = held.attached(T_base_hand)
         if router.carry_hits(leg.lift, self._beside_arm(Carry.lift(held, T_base_hand), leg.lift_q[0])):
             return None
-        transport = self._transport(leg.lift.end, held, scene, search)
-        if transport is None:
+        transport = self._transport(leg.lift.end, held, routes.scene, search)
+        retreat = None if transport is None else routes.connect(leg.lift.end, self._look_q, search)
+        back = None if transport is None or retreat is None else routes.connect(transport.end, self._look_q, search)
+        if transport is None or retreat is None or back is None:
             return None
-        ends = ((q_start, leg.approach_q[0]), (leg.lift.end, self._look_q), (transport.end, self._look_q))
-        joined = [router.connect(a, b, scene, search) for a, b in ends]
-        free = [path for path in joined if path is not None]
-        if len(free) < len(joined):
-            return None
-        return self._timed(leg, transport, *free)
+        return self._timed(leg, transport, reach, retreat, back)
 
     def _transport(self, lifted_q: Array, held: Held, scene: Scene, search: bool) -> JointPath | None:
         """To the first drop pose that can be reached with the object."""

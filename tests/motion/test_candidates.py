@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from evg_app.geometry import T_GRASP_FLIPPED
-from evg_app.motion.candidates import FIRST_BATCH, QUICK, at_grasp, free_at_grasp
+from evg_app.motion.candidates import FIRST_BATCH, QUICK, Candidates, at_grasp, free_at_grasp
 from evg_app.motion.kinematics import hand_of_grasp
 from evg_app.motion.scene import empty_scene
 from evg_app.motion.times import Times
@@ -18,7 +18,10 @@ TIP = (0.15, 0.15, 0.10)
 def asked(planner, robot, top_grasp):
     """A grasp in the base frame, and all candidates for it."""
     T = robot.T_base_task.matrix() @ top_grasp(TIP, 0.4, 0.5)
-    return T, at_grasp(robot, planner.checker, T, planner.look_q, QUICK)
+    batches = list(at_grasp(robot, planner.checker, T, planner.look_q, QUICK))
+    assert [len(batch.q) for batch in batches] == [FIRST_BATCH, sum(len(b.q) for b in batches) - FIRST_BATCH]
+    together = (np.concatenate([getattr(b, name) for b in batches]) for name in ("q", "branch", "flip"))
+    return T, Candidates(*together)
 
 
 def test_every_candidate_reaches_the_grasp_or_its_twin(planner, robot, asked):
