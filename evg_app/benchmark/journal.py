@@ -1,9 +1,10 @@
 """Finished units on disk: one JSON line each beside the result, so that an interrupted benchmark goes on."""
 
+import fcntl
 import json
 import logging
 from pathlib import Path
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import IO, Any, Generic, Protocol, Self, TypeVar
 
 from evg_app.errors import BadInput
 
@@ -25,15 +26,20 @@ R = TypeVar("R", bound=Row)
 
 
 class Journal(Generic[R]):
-    """The lines of one benchmark. The first line says what was measured; a broken last line is left out."""
+    """The lines of one benchmark. The first line says what was measured; a broken last line is left out.
+
+    One process at a time: two would do the same units and count them twice.
+    """
 
     def __init__(self, path: Path, header: dict[str, Any], row: type[R]) -> None:
         """Open the file, or begin it with `header` (its "digest" tells benchmarks apart).
 
         Raises:
-            BadInput: the file holds units of another benchmark, or cannot be read or written.
+            BadInput: the file holds units of another benchmark, another process writes it, or it cannot be read or
+                written.
         """
         self.path = path
+        self._lock = self._locked()
         self.rows: list[R] = []
         lines = self._lines()
         if not lines:
@@ -44,6 +50,26 @@ class Journal(Generic[R]):
                 f"{path} holds results of other settings, weights or objects; name another --json, or delete that file"
             )
         self.rows = [row.from_dict(line) for line in lines[1:]]
+
+    def close(self) -> None:
+        """Let others write it; also done when the process ends."""
+        self._lock.close()
+
+    def _locked(self) -> IO[bytes]:
+        """The file, held against other processes while it is open."""
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            file = self.path.open("ab")
+        except OSError as error:
+            raise BadInput(f"{self.path} cannot be written ({error}); name another --json") from error
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            file.close()
+            raise BadInput(
+                f"another process writes {self.path}; wait for it, stop it, or name another --json"
+            ) from error
+        return file
 
     def append(self, row: R) -> None:
         """Add one finished unit.

@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import logging
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from evg_app.benchmark.clutter.rounds import RoundResult, run_round
 from evg_app.benchmark.clutter.run import benchmark, journal_path
 from evg_app.benchmark.clutter.table import ClutteredTable
 from evg_app.benchmark.clutter.view import observe
+from evg_app.benchmark.journal import Journal
 from evg_app.cli import benchmark_clutter as command
 from evg_app.cli.main import main
 from evg_app.errors import BadInput, UnknownName
@@ -177,3 +180,22 @@ def test_command_offers_exactly_what_the_benchmark_knows() -> None:
     assert set(command.NOISES) == set(NOISE_MODELS)
     assert set(command.VIEWS) == set(VIEWS)
     assert all(name in command.MODELS for name in MODELS)
+
+
+def test_two_processes_cannot_write_one_journal(tmp_path: Path) -> None:
+    path = tmp_path / "result.rounds.jsonl"
+    first = Journal(path, {"digest": "a"}, RoundResult)
+    code = (
+        "import sys; from pathlib import Path; from evg_app.benchmark.journal import Journal\n"
+        "from evg_app.benchmark.clutter.rounds import RoundResult; from evg_app.errors import BadInput\n"
+        "try: Journal(Path(sys.argv[1]), {'digest': 'a'}, RoundResult)\n"
+        "except BadInput as error: print(error)\n"
+        "else: print('taken')\n"
+    )
+
+    def second() -> str:
+        return subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True).stdout
+
+    assert "another process writes" in second()
+    first.close()
+    assert "taken" in second()
