@@ -4,6 +4,8 @@ import argparse
 import logging
 from pathlib import Path
 
+from evg_app.errors import BadInput
+
 SUMMARY = "train a network on generated scenes, resuming where it stopped; with --export also write the weights"
 
 WITHOUT = ("s2tp", "eda", "proposals")
@@ -50,7 +52,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Train until the time is used up. Returns 0."""
+    """Train until the time is used up. Returns 0.
+
+    Raises:
+        BadInput: what is to be left out is not in the model, or see `train`.
+    """
+    if args.model == "equigiga" and {"eda", "proposals"} & set(args.without):
+        raise BadInput("EquiGIGA has neither EDA nor a grasp classifier; only --without s2tp fits --model equigiga")
     from evg_app.learning.batches import BatchSizes
     from evg_app.learning.train import TrainConfig, restart_with_allocator, train
     from evg_app.nets.config import plain_counterpart
