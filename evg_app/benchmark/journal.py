@@ -101,9 +101,8 @@ class Journal(Generic[R]):
         return found
 
     def _write(self, text: str, mode: str) -> None:
-        """Write or append text, the folder made where it is missing."""
+        """Write or append text."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
             with self.path.open(mode, encoding="utf-8") as file:
                 file.write(text)
         except OSError as error:

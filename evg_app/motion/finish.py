@@ -101,9 +101,13 @@ class Finisher:
         if router.carry_hits(leg.lift, self._beside_arm(Carry.lift(held, T_base_hand), leg.lift_q[0])):
             return None
         transport = self._transport(leg.lift.end, held, routes.scene, search)
-        retreat = None if transport is None else routes.connect(leg.lift.end, self._look_q, search)
-        back = None if transport is None or retreat is None else routes.connect(transport.end, self._look_q, search)
-        if transport is None or retreat is None or back is None:
+        if transport is None:
+            return None
+        retreat = routes.connect(leg.lift.end, self._look_q, search)
+        if retreat is None:
+            return None
+        back = routes.connect(transport.end, self._look_q, search)
+        if back is None:
             return None
         return self._timed(leg, transport, reach, retreat, back)
 

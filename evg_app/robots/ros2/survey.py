@@ -13,6 +13,9 @@ from evg_app.robots.ros2.link import Link
 from evg_app.robots.ros2.network import network
 from evg_app.robots.ros2.rivals import servers, too_many
 
+LISTENED_S = 2.0
+"""When all is there a second robot is listened for so long [s]: the network tells of one robot after the other."""
+
 
 @dataclass(frozen=True)
 class Survey:
@@ -45,7 +48,7 @@ def wanted(config: Ros2Model) -> dict[str, str]:
 
 
 def survey(robot: RobotConfig, seconds: float) -> Survey:
-    """Look for at most `seconds` [s].
+    """Look for at most `seconds` [s], and `LISTENED_S` longer for a second robot.
 
     Raises:
         BadInput: the robot has no `ros2` section.
@@ -63,6 +66,7 @@ def survey(robot: RobotConfig, seconds: float) -> Survey:
     link.acquire()
     try:
         link.wait_until(lambda: set(names) <= _seen(link) and bool(_nodes(link)), seconds)
+        link.wait_until(lambda: bool(_doubled(link, names)), LISTENED_S)
         seen, nodes, doubled = _seen(link), _nodes(link), _doubled(link, names)
     finally:
         link.release()
