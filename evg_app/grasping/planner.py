@@ -2,7 +2,7 @@
 
 1. Encode the grid once. 2. Ask graspness near seen surface, coarse to fine (`search`); smooth. 3. For the best voxels:
 rotations (regressed, and for the best of them flow samples), classified; the best one stays.
-4. q = sqrt(graspness * score), less for wide openings; width and threshold, near duplicates go, sort.
+4. q = sqrt(graspness * score), width and threshold, near duplicates go, sort.
 
 `dense=True` asks all candidate voxels instead (the paper's way, the reference); everything else is the same.
 """
@@ -56,7 +56,6 @@ class PlannerConfig:
         steps: Euler steps of the flow (2-5 were as good as 10, learning.md's measurement).
         sigma: smoothing of graspness [voxels].
         threshold: least score of a grasp (LOW_TH of spec §5).
-        caution: how much less wide openings count [1/m] (`selection.room`).
         nms_radius: near duplicates within this distance [m] (not a distance of two voxel centres: no ties) ...
         nms_angle: ... and this angle [rad] of a better grasp go.
         max_grasps: best grasps that are compared with each other.
@@ -76,7 +75,6 @@ class PlannerConfig:
     steps: int = 5
     sigma: float = 1.0
     threshold: float = 0.2
-    caution: float = 7.0
     nms_radius: float = 0.016
     nms_angle: float = 0.5236
     max_grasps: int = 1024
@@ -183,8 +181,7 @@ class GraspPlanner:
                 return Grasps.empty()
             rotation, score, width = self.orient(field, index, seed)
             lap("orient")
-        quality = np.sqrt(graspness * score) * selection.room(width, self.config.caution)
-        grasps = self.assemble(index, rotation, quality, width)
+        grasps = self.assemble(index, rotation, np.sqrt(graspness * score), width)
         lap("select")
         return grasps
 

@@ -25,8 +25,6 @@ BORDER = 2
 """Voxels along the cube's four walls where no grasp centre is asked for (spec §5: 2 cm)."""
 WIDTH_RANGE = (0.0099, 0.0699)
 """Predicted openings that are believed [m] (spec §1)."""
-ROOMY_WIDTH = 0.030
-"""Up to this opening the fingers have room to spare on both sides [m]."""
 
 
 def surface(values: Volume, min_z: float = SURFACE_MIN_Z, thickness: float = 0.5) -> Mask:
@@ -112,16 +110,6 @@ def spread(values: NDArray[np.float32], group: NDArray[np.intp], per_group: int,
 def width_mask(width: Array) -> Mask:
     """Which predicted openings [m] the gripper can really take (spec §5.4)."""
     return (width >= WIDTH_RANGE[0]) & (width <= WIDTH_RANGE[1])
-
-
-def room(width: Array, caution: float) -> Array:
-    """Factor in (0, 1] for the score of grasps with these openings [m] (ours): wide ones leave no room for errors.
-
-    A network learns from exact labels of noisy views; what a millimetre of error costs, its score does not tell.
-    `caution` is the decay [1/m] beyond `ROOMY_WIDTH`.
-    """
-    factor: Array = np.exp(-caution * np.maximum(width - ROOMY_WIDTH, 0.0))
-    return factor
 
 
 def suppress(T_task_grasp: Array, score: Array, radius: float, angle: float) -> NDArray[np.intp]:

@@ -11,7 +11,7 @@ from evg_app.geometry import is_transform, rotation_about, translation
 from evg_app.grasping import weights
 from evg_app.grasping.load import MODELS, load_planner
 from evg_app.grasping.planner import GraspPlanner, PlannerConfig
-from evg_app.grasping.selection import antipodal_cosine, room
+from evg_app.grasping.selection import antipodal_cosine
 from evg_app.grasping.weights import WeightsCard, load_weights, save_weights, shipped_weights
 
 SCORE_TOLERANCE = 1e-4
@@ -109,16 +109,6 @@ def test_the_threshold_and_the_width_decide_what_is_returned(networks, grid):
     assert len(planner(networks, config=PlannerConfig(threshold=0.999)).plan(grid)) == 0
     strict, loose = (planner(networks, config=PlannerConfig(threshold=t)).plan(grid) for t in (0.55, 0.05))
     assert len(strict) < len(loose) and (strict.score >= 0.55).all()
-
-
-def test_caution_lowers_the_score_of_wide_grasps_and_changes_nothing_else(networks, grid):
-    careless, careful = (
-        planner(networks, config=PlannerConfig(threshold=0.0, caution=c, nms_radius=0.0)).plan(grid)
-        for c in (0.0, 10.0)
-    )
-    lowered = careless.score * room(careless.width, 10.0)
-    assert len(careful) == len(careless) > 20 and (lowered < careless.score).any()
-    assert partners(careless.T_task_grasp, careful.T_task_grasp, lowered, careful.score).all()
 
 
 @pytest.mark.parametrize("model", ["equiigd", "antipodal", "random"])

@@ -45,12 +45,6 @@ def test_smoothing_does_not_leak_from_where_nothing_is_defined():
     assert not smoothed[~where].any()
 
 
-def test_wide_openings_count_less_and_narrow_ones_in_full():
-    factor = selection.room(np.array([0.01, 0.03, 0.05, 0.07]), caution=10.0)
-    assert factor == pytest.approx([1.0, 1.0, np.exp(-0.2), np.exp(-0.4)])
-    assert (selection.room(np.array([0.01, 0.07]), caution=0.0) == 1.0).all()
-
-
 def test_spread_keeps_the_best_of_each_group():
     values = np.array([0.9, 0.8, 0.7, 0.6, 0.5], np.float32)
     group = np.array([1, 1, 1, 0, 2])
