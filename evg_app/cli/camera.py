@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from evg_app.cli.console import say
+from evg_app.cli.progress import say_warning
 from evg_app.config.files import load_camera, shipped_folder
 from evg_app.errors import BadInput
-from evg_app.events import Event, Warned
 from evg_app.types import Frame
 
 RULES = "99-evg-app-realsense.rules"
@@ -58,12 +58,6 @@ def _seconds(text: str) -> float:
     return value
 
 
-def tell(event: Event) -> None:
-    """Say what the camera is going through."""
-    if isinstance(event, Warned):
-        say(f"warning: {event.text}")
-
-
 def run_list(args: argparse.Namespace) -> int:
     """Print every camera. Returns 0.
 
@@ -105,7 +99,7 @@ def run_record(args: argparse.Namespace) -> int:
     if target.suffix != ".db3" or target.exists() or not target.resolve().parent.is_dir():
         raise BadInput(f"{target} must be a new file that ends in .db3, in a folder that exists. Name another one")
     config = load_camera(args.camera, args.config_dir)
-    with open_camera(config, clock=clock, sink=tell, serial=args.serial, record_to=target) as camera:
+    with open_camera(config, clock=clock, sink=say_warning, serial=args.serial, record_to=target) as camera:
         say(f"recording {camera.info.name or args.camera} {camera.info.serial} for {args.seconds:g} s; Ctrl-C ends it")
         end, count = clock.now() + args.seconds, 0
         try:
@@ -135,7 +129,7 @@ def run_preview(args: argparse.Namespace) -> int:
     camera = (
         open_replay(config, args.replay, clock=clock, repeat=True)
         if args.replay
-        else open_camera(config, clock=clock, sink=tell, serial=args.serial)
+        else open_camera(config, clock=clock, sink=say_warning, serial=args.serial)
     )
     with camera:
         say(f"writing {args.out} every {PERIOD_S:g} s for {args.seconds:g} s; Ctrl-C ends it")

@@ -11,8 +11,8 @@ import numpy as np
 from evg_app.cameras.factory import open_camera, open_replay
 from evg_app.cameras.protocol import Camera
 from evg_app.cameras.realsense.camera import RealSenseCamera
-from evg_app.cli.camera import tell
-from evg_app.cli.doctor import Finding
+from evg_app.cli.finding import Finding
+from evg_app.cli.progress import say_warning
 from evg_app.clock import Clock, WallClock
 from evg_app.config.calibration import load_calibration
 from evg_app.config.camera import CameraConfig
@@ -146,7 +146,7 @@ def examine(args: argparse.Namespace) -> Iterator[Finding]:
                 seen = measure(replay, clock, config.frame_timeout_s)
             yield Finding("camera source", "ok", f"stored frames of {args.replay}")
         else:
-            with open_camera(config, clock=clock, sink=tell, serial=args.serial) as camera:
+            with open_camera(config, clock=clock, sink=say_warning, serial=args.serial) as camera:
                 yield from describe(camera)
                 seen = measure(camera, clock, config.frame_timeout_s)
             yield judge_rate(seen, config)

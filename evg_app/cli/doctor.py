@@ -10,10 +10,11 @@ import platform
 import shutil
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from evg_app.cli.console import say
+from evg_app.cli.finding import Finding
 from evg_app.config.cache import cache_folder
 from evg_app.config.files import load_camera, load_robot, load_world, shipped_folder
 from evg_app.errors import EvgError, HardwareError
@@ -36,23 +37,6 @@ EXTRAS = {
     "test": ("pytest", "the test-suite"),
 }
 FREE_SPACE_GB = 2.0
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One line of the report.
-
-    Attributes:
-        check: what was looked at.
-        status: "ok", "note" (optional thing absent) or "fault" (evg-app cannot run).
-        detail: what was found.
-        mend: the command or step that mends it, empty when nothing is to be done.
-    """
-
-    check: str
-    status: str
-    detail: str
-    mend: str = ""
 
 
 def _import_error(module: str) -> str | None:

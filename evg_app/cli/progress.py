@@ -52,3 +52,9 @@ class Progress:
         rejected = ", ".join(f"{reason} {n}" for reason, n in reasons.most_common())
         chosen = "none feasible" if event.chosen is None else f"number {event.chosen + 1} chosen"
         return f", {chosen}{f' (rejected: {rejected})' if rejected else ''}"
+
+
+def say_warning(event: Event) -> None:
+    """An event sink that speaks of warnings only."""
+    if isinstance(event, Warned):
+        say(f"warning: {event.text}")
