@@ -1,5 +1,7 @@
 """The fast path computes what the networks compute, whatever the number of threads."""
 
+import copy
+
 import numpy as np
 import pytest
 import torch
@@ -63,6 +65,21 @@ def test_the_sparse_lift_is_the_whole_one(networks, grid, what):
         whole = lift(torch.tensor(values[what])[None, None])
         sparse = SparseLift(lift)(values[what])
     assert (sparse - torch.stack([p[0].permute(1, 2, 0) for p in whole])).abs().max() < LIFT_TOLERANCE
+
+
+def test_on_an_accelerator_nothing_is_computed_from_what_stayed_behind(net, grid):
+    """Torch's meta device stands in for a GPU: it computes shapes only, and refuses operands of two devices."""
+    meta = torch.device("meta")
+    with pytest.raises(RuntimeError, match="device"):
+        torch.zeros(3, device=meta) + torch.zeros(3)
+    there = copy.deepcopy(net).to(meta)
+    with torch.inference_mode():
+        field, heads = Field(EagerEncoder(there, meta)(grid.values)), EagerHeads(there)
+        index = torch.arange(75, device=meta)
+        for side in (lattice.BLOCKS, 40):
+            assert heads.graspness(Place(field, index, side)).device == meta
+        for answer in heads.grasps(Place(field, index), torch.empty(2, 75, 6, device=meta), 3):
+            assert answer.device == meta
 
 
 def test_the_folded_heads_say_what_the_networks_say(net, places):
