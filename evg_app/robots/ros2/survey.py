@@ -14,7 +14,7 @@ from evg_app.robots.ros2.network import network
 from evg_app.robots.ros2.rivals import servers, too_many
 
 LISTENED_S = 2.0
-"""When all is there a second robot is listened for so long [s]: the network tells of one robot after the other."""
+"""After the names, a second robot is listened for so long [s]: the network tells of one robot after the other."""
 
 
 @dataclass(frozen=True)
