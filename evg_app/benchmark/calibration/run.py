@@ -3,6 +3,7 @@
 import multiprocessing
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -43,16 +44,16 @@ def play(
     """
     settings = {"study": asdict(study), "version": VERSION}
     header = {"digest": sha256(canonical(settings)), "settings": settings}
-    journal: Journal[SessionRow] = Journal(path.with_suffix(".sessions.jsonl"), header, SessionRow)
-    done = {(row.kind, row.mode, row.seed) for row in journal.rows}
-    missing = [unit for unit in wanted if unit not in done]
-    if missing:
-        spawn = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(workers, spawn) as collectors, ProcessPoolExecutor(1, spawn) as solver:
-            for unit, session in zip(missing, _collect(collectors, study, missing), strict=True):
-                row = judge(study, *unit, solver.submit(solved, session).result())
-                journal.append(row)
-                progress(row, len(journal.rows), len(wanted))
+    with closing(Journal(path.with_suffix(".sessions.jsonl"), header, SessionRow)) as journal:
+        done = {(row.kind, row.mode, row.seed) for row in journal.rows}
+        missing = [unit for unit in wanted if unit not in done]
+        if missing:
+            spawn = multiprocessing.get_context("spawn")
+            with ProcessPoolExecutor(workers, spawn) as collectors, ProcessPoolExecutor(1, spawn) as solver:
+                for unit, session in zip(missing, _collect(collectors, study, missing), strict=True):
+                    row = judge(study, *unit, solver.submit(solved, session).result())
+                    journal.append(row)
+                    progress(row, len(journal.rows), len(wanted))
     rows = [row for row in journal.rows if (row.kind, row.mode, row.seed) in set(wanted)]
     return {**settings, **summary(rows), "provenance": provenance()}
 

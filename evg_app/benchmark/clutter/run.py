@@ -4,7 +4,7 @@ import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,7 @@ def benchmark(
     with ExitStack() as stack:
         if json_path is None:
             json_path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "result.json"
-        journal = Journal(journal_path(json_path), header, RoundResult)
+        journal = stack.enter_context(closing(Journal(journal_path(json_path), header, RoundResult)))
         done, wanted = {(row.seed, row.round) for row in journal.rows}, set(jobs)
         missing = [job for job in jobs if job not in done]
         for row in _played(config, planner, commit, missing, workers):

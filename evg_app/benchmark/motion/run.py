@@ -4,7 +4,7 @@ import multiprocessing
 import signal
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +48,7 @@ def benchmark(
     with ExitStack() as stack:
         if json_path is None:
             json_path = Path(stack.enter_context(tempfile.TemporaryDirectory())) / "result.json"
-        journal = Journal(journal_path(json_path), header, SceneRow)
+        journal = stack.enter_context(closing(Journal(journal_path(json_path), header, SceneRow)))
         done = {row.number for row in journal.rows}
         missing = [number for number in range(scenes) if number not in done]
         for row in _run(config, seed, missing, jobs):
