@@ -1,6 +1,7 @@
 """Where commands talk to the person in front of them."""
 
 import ctypes
+import errno
 import os
 import sys
 from collections.abc import Iterator
@@ -8,9 +9,17 @@ from contextlib import contextmanager
 
 
 def say(text: str) -> None:
-    """Write one line to standard output."""
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()
+    """Write one line to standard output; silently nothing when the terminal is gone: a run must not fail for that.
+
+    Raises:
+        OSError: a pipe is closed, a disk is full.
+    """
+    try:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise
 
 
 @contextmanager

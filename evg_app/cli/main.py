@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from evg_app import __version__
+from evg_app.cli.stopping import ended_like_interrupted
 from evg_app.errors import EvgError
 
 VERBS = (
@@ -51,7 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     args = parser(words).parse_args(words)
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(name)s: %(message)s")
     try:
-        return int(args.run(args))
+        with ended_like_interrupted():
+            return int(args.run(args))
     except EvgError as error:
         sys.stderr.write(f"evg-app {args.verb}: {error}\n")
         return error.exit_code

@@ -1,5 +1,7 @@
 """What a person sees while a run goes on: one line for every round and every pass."""
 
+import os
+import signal
 from collections import Counter
 
 from evg_app.cli.console import say
@@ -22,12 +24,13 @@ class Progress:
 
     def __init__(self) -> None:
         self._label = self._seen = ""
+        self._unheard = False
 
     def __call__(self, event: Event) -> None:
         """Take one event."""
         if isinstance(event, RoundStarted):
             objects = "objects not counted" if event.objects is None else f"{event.objects} objects"
-            say(f"round {event.round_index} (seed {event.seed}): {objects}")
+            self._tell(f"round {event.round_index} (seed {event.seed}): {objects}")
         elif isinstance(event, AttemptStarted):
             self._label, self._seen = f"  pass {event.index}", "nothing planned"
         elif isinstance(event, GraspsPlanned):
@@ -37,13 +40,23 @@ class Progress:
         elif isinstance(event, AttemptFinished):
             reason = f" ({event.failure})" if event.failure else ""
             times = f"{event.compute_ms:.0f} ms computing, {event.motion_s:.1f} s moving"
-            say(f"{self._label}: {self._seen}; {event.outcome}{reason}; {times}")
+            self._tell(f"{self._label}: {self._seen}; {event.outcome}{reason}; {times}")
         elif isinstance(event, RoundFinished):
-            say(f"  ended: {event.stop_reason}{f': {event.detail}' if event.detail else ''}")
+            self._tell(f"  ended: {event.stop_reason}{f': {event.detail}' if event.detail else ''}")
         elif isinstance(event, DepthChecked):
-            say(f"camera: {event.text}")
+            self._tell(f"camera: {event.text}")
         elif isinstance(event, Warned):
-            say(f"{self._label or '  before'}: warning: {event.text}")
+            self._tell(f"{self._label or '  before'}: warning: {event.text}")
+
+    def _tell(self, text: str) -> None:
+        """Say it. When nobody can hear it (the pipe was closed), be silent and end the run as one Ctrl-C does."""
+        if self._unheard:
+            return
+        try:
+            say(text)
+        except OSError:
+            self._unheard = True
+            os.kill(os.getpid(), signal.SIGINT)
 
     @staticmethod
     def _judged(event: Judged) -> str:

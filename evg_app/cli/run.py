@@ -189,12 +189,12 @@ def _simulate(
 
 
 def _report(folder: Path, target: Path | None) -> None:
-    """Say what came out, and write the JSON."""
+    """Write the JSON, and say what came out."""
     from evg_app.trials.report import report
     from evg_app.trials.summary import summary
 
     facts = summary(folder)
-    say(report(facts))
-    say(f"run folder: {folder}")
     if target is not None:
         target.write_text(json.dumps(facts, indent=2) + "\n")
+    say(report(facts))
+    say(f"run folder: {folder}")

@@ -1,4 +1,4 @@
-"""Stopping a run from outside the terminal: a file that appears, or anything that calls `stop_now`."""
+"""Stopping from outside the terminal: a file that appears, signals, or anything that calls `stop_now`."""
 
 import os
 import signal
@@ -6,9 +6,10 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from evg_app.errors import Refused
-from evg_app.picking.stop import StopToken
+from evg_app.picking.stop import ENDING, StopToken
 
 INTERVAL = 0.05
 """How often the stop file is looked for [s]."""
@@ -45,3 +46,23 @@ def stop_file(path: Path, stop: StopToken) -> Iterator[None]:
     finally:
         over.set()
         watcher.join()
+
+
+@contextmanager
+def ended_like_interrupted() -> Iterator[None]:
+    """While inside, the signals of `ENDING` raise KeyboardInterrupt as Ctrl-C does, and all is left in order.
+
+    Not those that are ignored (nohup); only the main thread can hear them.
+    """
+    in_main = threading.current_thread() is threading.main_thread()
+    heard = [number for number in ENDING if in_main and signal.getsignal(number) is not signal.SIG_IGN]
+    previous = {number: signal.signal(number, _interrupt) for number in heard}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(_signal: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

@@ -23,13 +23,13 @@ Check = Callable[[str, Trajectory], None]
 
 
 def dry_run(ctx: Context, rounds: Rounds, seeds: Sequence[int], count: int, check: Check) -> RunResult:
-    """One dry pass per round; nothing counts as an attempt. Ctrl-C is handled here."""
+    """One dry pass per round; nothing counts as an attempt. Ctrl-C and other signals are handled here."""
     emitter = Emitter(ctx.sink, ctx.stop)
     emitter.emit(RunStarted(tuple(seeds), count, ctx.planner.name, ctx.planner.weights_sha256))
     status, detail = "finished", "dry run: nothing was moved"
     error: EvgError | None = None
     try:
-        with ctx.stop.on_sigint():
+        with ctx.stop.on_signals():
             for seed in seeds:
                 for index in range(count):
                     ctx.stop.check()

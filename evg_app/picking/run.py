@@ -37,12 +37,12 @@ def run_rounds(
 ) -> RunResult:
     """Run `count` rounds for each seed, without those (seed, index) that were `done` in an earlier session.
 
-    The devices are already entered; Ctrl-C is handled here.
+    The devices are already entered; Ctrl-C and other signals are handled here.
 
     Raises:
         EvgError: from `rounds.prepare`; anything unexpected is raised after the devices were stopped.
     """
-    with ctx.stop.on_sigint():
+    with ctx.stop.on_signals():
         return _run(ctx, rounds, tuple(seeds), count, done)
 
 

@@ -7,6 +7,9 @@ from types import FrameType
 
 from evg_app.errors import Stopped
 
+ENDING = (signal.SIGTERM, signal.SIGHUP)
+"""What ends a program from outside: `kill` or a service manager; its terminal closed or its connection was lost."""
+
 
 class StopToken:
     """Counts requests to stop. The loop looks at it between states and in every wait."""
@@ -52,15 +55,27 @@ class StopToken:
             self._shields -= 1
 
     @contextmanager
-    def on_sigint(self) -> Iterator[None]:
-        """Ctrl-C asks this token. The second one raises `Stopped` out of whatever the main thread does."""
-        previous = signal.signal(signal.SIGINT, self._interrupted)
+    def on_signals(self) -> Iterator[None]:
+        """Ctrl-C asks this token. The second one raises `Stopped` out of whatever the main thread does.
+
+        One of `ENDING` counts as two, unless it is ignored (nohup).
+        """
+        heard = [number for number in ENDING if signal.getsignal(number) is not signal.SIG_IGN]
+        handlers = {signal.SIGINT: self._interrupted} | dict.fromkeys(heard, self._ended)
+        previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, previous)
+            for number, handler in previous.items():
+                signal.signal(number, handler)
 
     def _interrupted(self, _signal: int, _frame: FrameType | None) -> None:
-        """The signal handler."""
+        """Handler of Ctrl-C."""
+        self.request()
+        self.check()
+
+    def _ended(self, _signal: int, _frame: FrameType | None) -> None:
+        """Handler of `ENDING`."""
+        self.request()
         self.request()
         self.check()

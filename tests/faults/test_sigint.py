@@ -1,4 +1,4 @@
-"""Real Ctrl-C signals: once in a motion, twice in a blocking gripper call."""
+"""Real signals: Ctrl-C once in a motion, twice in a blocking gripper call; the program killed, its terminal closed."""
 
 import os
 import signal
@@ -50,3 +50,29 @@ def test_ctrl_c_twice_while_the_log_writes_does_not_tear_the_log():
     lab.listeners.append(slow_sink)
     assert lab.run().exit_code == 130
     assert written == lab.events and lab.reasons == ["stopped by the user"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_kill_and_a_closed_terminal_stop_at_once_and_in_order(number):
+    lab = Lab()
+
+    def block(command):
+        if command == "grasp":
+            os.kill(os.getpid(), number)
+            pytest.fail("one signal must leave the gripper call")
+
+    lab.gripper.during = block
+    before = signal.getsignal(number)
+    assert lab.run().exit_code == 130 and lab.gripper.stops == 1
+    assert lab.outcomes == ["abandoned"] and lab.reasons == ["stopped by the user"]
+    assert signal.getsignal(number) is before
+
+
+def test_under_nohup_a_run_outlives_its_terminal():
+    lab = Lab()
+    lab.arm.during["reach"] = once(lambda: os.kill(os.getpid(), signal.SIGHUP))
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert lab.run(rounds=1).exit_code == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)

@@ -133,3 +133,13 @@ def interrupt_twice() -> None:
     for _ in range(2):
         os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.05)
+
+
+def close_terminal() -> None:
+    """As when the terminal is closed or its connection is lost."""
+    os.kill(os.getpid(), signal.SIGHUP)
+
+
+def terminate() -> None:
+    """As `kill` or a service manager."""
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -10,7 +10,8 @@ from evg_app.robots.fci.messages import Failed, Grip, Gripped, Leave
 
 def main(pipe: Connection, host: str) -> None:
     """Entry of the process: connect, then carry out one `Grip` after the other."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):  # both reach the whole process group; the application decides
+        signal.signal(number, signal.SIG_IGN)
     try:
         import pylibfranka
     except ImportError as error:

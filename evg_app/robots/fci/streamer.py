@@ -52,7 +52,8 @@ class Options:
 
 def main(pipe: Connection, block: StateBlock, orders: Orders, options: Options) -> None:
     """Entry of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP):  # both reach the whole process group; the application decides
+        signal.signal(number, signal.SIG_IGN)
     gc.disable()
     try:
         link = _connect(pipe, block, orders, options)

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from fci_motions import rests
 from fci_peers import PEERS, Peer, robot_at, tool_pose_of
-from injected import Injection, complete, ended, interrupt_twice, rows, run
+from injected import Injection, close_terminal, complete, ended, interrupt_twice, rows, run, terminate
 from lab_files import lab_files
 
 from evg_app.robots.fci.arm import FciArm
@@ -65,6 +65,8 @@ FAULTS = {
     "controller dies": Fault(lambda peer, at: peer.close(), 1.5, r"connection .* is lost.*Run: ping", lives=False),
     "packets lost": Fault(lose_packets, 1.0, "communication_constraints_violation"),
     "streaming process killed": Fault(killed("arm"), 1.0, "process ended unexpectedly.*Run the command again"),
+    "kill": Fault(lambda peer, at: terminate(), 0.5, "stopped", code=130),
+    "terminal closed": Fault(lambda peer, at: close_terminal(), 0.5, "stopped", code=130),
     "Ctrl-C twice": Fault(lambda peer, at: interrupt_twice(), 0.5, "stopped", code=130),
     "stop file": Fault(lambda peer, at: (at / "STOP").touch(), 0.5, "stopped", code=130),
 }

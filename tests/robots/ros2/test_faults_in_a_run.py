@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 sys.path.insert(0, str(Path(__file__).parents[1] / "fci"))
 
 from calibrated import calibrated
-from injected import Injection, complete, ended, interrupt_twice, rows, run
+from injected import Injection, close_terminal, complete, ended, interrupt_twice, rows, run, terminate
 from ros2_lab import PeerCamera
 from ros2_peer import PeerProcess, fresh_domain, isolate
 
@@ -84,6 +84,8 @@ FAULTS = {
     "fingers gone": Fault("state close", fault(mute_fingers=True), 2.0, "joint_states", delay=0.0, goes_on=True),
     "stop topic": Fault("reach", asked("stop_topic"), 0.5, "stopped by the user", code=130, cancels=True),
     "stop file": Fault("reach", lambda peer, at: (at / "STOP").touch(), 0.5, "stopped", code=130, cancels=True),
+    "kill": Fault("reach", lambda peer, at: terminate(), 0.5, "stopped", code=130, cancels=True),
+    "terminal closed": Fault("reach", lambda peer, at: close_terminal(), 0.5, "stopped", code=130, cancels=True),
     "Ctrl-C twice": Fault("reach", lambda peer, at: interrupt_twice(), 0.5, "stopped", code=130, cancels=True),
 }
 
