@@ -4,7 +4,7 @@ import argparse
 import logging
 from pathlib import Path
 
-from evg_app.errors import BadInput
+from evg_app.errors import BadInput, Stopped
 
 SUMMARY = "train a network on generated scenes, resuming where it stopped; with --export also write the weights"
 
@@ -56,12 +56,14 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         BadInput: what is to be left out is not in the model, or see `train`.
+        Stopped: Ctrl-C; the checkpoint holds every step.
     """
     if args.model == "equigiga" and {"eda", "proposals"} & set(args.without):
         raise BadInput("EquiGIGA has neither EDA nor a grasp classifier; only --without s2tp fits --model equigiga")
     from evg_app.learning.batches import BatchSizes
     from evg_app.learning.train import TrainConfig, restart_with_allocator, train
     from evg_app.nets.config import plain_counterpart
+    from evg_app.picking.stop import StopToken
 
     restart_with_allocator()
     logging.getLogger("evg_app").setLevel(logging.INFO)
@@ -80,7 +82,11 @@ def run(args: argparse.Namespace) -> int:
         device=args.device,
         start=args.start,
     )
-    checkpoint = train(config, args.data, args.out)
+    stop = StopToken()
+    with stop.on_signals():
+        checkpoint = train(config, args.data, args.out, lambda: stop.soft)
+    if stop.soft:
+        raise Stopped(f"every step is saved in {checkpoint}; the same command goes on")
     if args.export is not None:
         from evg_app.learning.export import export_weights
 

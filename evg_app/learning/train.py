@@ -234,7 +234,9 @@ def _network(config: TrainConfig) -> Network:
 
 
 def train(config: TrainConfig, data: Sequence[Path], folder: Path, stop: Callable[[], bool] = lambda: False) -> Path:
-    """Train until the budget is used up (or `stop()`), taking in new shards on the way; returns the checkpoint's path.
+    """Train until the budget is used up, taking in new shards on the way; returns the checkpoint's path.
+
+    When `stop()` says so, it ends after the step under way: everything is in the checkpoint, nothing is measured.
 
     Raises:
         BadInput: no data, or the folder's checkpoint belongs to another training.
@@ -262,7 +264,8 @@ def train(config: TrainConfig, data: Sequence[Path], folder: Path, stop: Callabl
         if now - validated > config.validate_seconds:
             trainer.validate()
             validated = time.monotonic()
-    trainer.validate()
+    if not stop():
+        trainer.validate()
     return trainer.save()
 
 

@@ -1,6 +1,8 @@
 """Training: losses that reward the truth, exact resuming, honest metrics, loadable exports."""
 
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from evg_app.cli.main import main
 from evg_app.errors import BadInput
 from evg_app.grasping.weights import load_weights
 from evg_app.learning.batches import Batch, BatchSizes, draw_batch
@@ -225,3 +228,20 @@ def test_checkpoint_is_replaced_whole(data: Path, tmp_path: Path) -> None:
     one.train_step()
     one.save()
     assert [p.name for p in (tmp_path / "out").iterdir()] == [checkpoint_path(tmp_path / "out").name]
+
+
+def test_ctrl_c_ends_a_training_after_the_step_with_everything_saved(data: Path, tmp_path: Path, monkeypatch, capsys):
+    step = Trainer.train_step
+
+    def interrupted(self: Trainer) -> None:
+        if self.step == 1:
+            os.kill(os.getpid(), signal.SIGINT)
+        step(self)
+
+    monkeypatch.setattr(Trainer, "train_step", interrupted)
+    monkeypatch.setattr("evg_app.learning.train.restart_with_allocator", lambda: None)
+    folder = tmp_path / "out"
+    assert main(["train", "--data", str(data), "--out", str(folder), "--model", "equigiga", "--batch", "1"]) == 130
+    assert "the same command goes on" in capsys.readouterr().err
+    assert torch.load(checkpoint_path(folder), weights_only=True)["step"] == 2
+    assert not (folder / "metrics.csv").exists()
