@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         BadInput: what is to be left out is not in the model, or see `train`.
-        Stopped: Ctrl-C; the checkpoint holds every step.
+        Stopped: Ctrl-C or `kill`; the checkpoint holds every step.
     """
     if args.model == "equigiga" and {"eda", "proposals"} & set(args.without):
         raise BadInput("EquiGIGA has neither EDA nor a grasp classifier; only --without s2tp fits --model equigiga")
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         start=args.start,
     )
     stop = StopToken()
-    with stop.on_signals():
+    with stop.on_signals(), stop.shielded():  # a step that is torn apart cannot be saved
         checkpoint = train(config, args.data, args.out, lambda: stop.soft)
     if stop.soft:
         raise Stopped(f"every step is saved in {checkpoint}; the same command goes on")

@@ -230,12 +230,13 @@ def test_checkpoint_is_replaced_whole(data: Path, tmp_path: Path) -> None:
     assert [p.name for p in (tmp_path / "out").iterdir()] == [checkpoint_path(tmp_path / "out").name]
 
 
-def test_ctrl_c_ends_a_training_after_the_step_with_everything_saved(data: Path, tmp_path: Path, monkeypatch, capsys):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_training_ended_by_a_signal_has_saved_every_step(number, data: Path, tmp_path: Path, monkeypatch, capsys):
     step = Trainer.train_step
 
     def interrupted(self: Trainer) -> None:
         if self.step == 1:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), number)
         step(self)
 
     monkeypatch.setattr(Trainer, "train_step", interrupted)
