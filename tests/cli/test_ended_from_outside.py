@@ -50,6 +50,7 @@ def test_a_run_whose_terminal_is_closed_ends_in_order(tmp_path: Path):
     folder = tmp_path / "run"
     process, terminal = pty.fork()
     if process == 0:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests may ignore it
         os.execv(
             COMMAND[0], [*COMMAND, "run", "--sim", "--rounds", "50", "--model", "antipodal", "--run-dir", str(folder)]
         )

@@ -103,8 +103,12 @@ def heard_by(listen: Callable[[Event], None]) -> Iterator[None]:
 
 def run(words: list[str], folder: Path, injection: Injection) -> int:
     """`evg-app run` in this process, hurt; its exit code."""
-    with heard_by(injection), mock.patch("sys.stdin", None):
-        code = evg_app(["run", *words, "--run-dir", str(folder)])
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever runs the tests may ignore it
+    try:
+        with heard_by(injection), mock.patch("sys.stdin", None):
+            code = evg_app(["run", *words, "--run-dir", str(folder)])
+    finally:
+        signal.signal(signal.SIGHUP, before)
     injection.done()
     return code
 
