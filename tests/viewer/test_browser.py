@@ -113,6 +113,7 @@ def test_a_person_at_the_view_holds_steps_rejects_accepts_labels_and_stops(live,
     page.shows("held before 'observe'")
     page.press("go on")
     page.shows("execute the yellow grasp?")
+    time.sleep(2 * EARLIEST)
     page.fill("why not", "too close to the edge")
     page.press("reject")
     page.shows("rejected by a person")
